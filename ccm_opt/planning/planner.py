@@ -22,7 +22,7 @@ from ccm_opt.core.progress import Stages
 from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.planning.clamped_base import annotate_clamped_base, with_clamped_base
 from ccm_opt.planning.curve_routes import find_guesses, find_routes, further_guesses, route_room, tip_paths_along
-from ccm_opt.planning.ending import ended_by_nlp, led_to
+from ccm_opt.planning.ending import ended_by_nlp
 from ccm_opt.planning.ends import Ends, clamped_arm, refuse_ends, resolve_ends
 from ccm_opt.planning.goal_pose import EndPoses
 from ccm_opt.planning.leader import travel_between_samples
@@ -41,9 +41,10 @@ from ccm_opt.planning.optimisation.optimise import clearance_limit, optimise, wi
 from ccm_opt.planning.own_units import planning_units
 from ccm_opt.planning.path_following import motion_along
 from ccm_opt.planning.plane_in_space import needs_space, path_in_plane, problem_in_space, told_in_plane
+from ccm_opt.planning.pose import Pose
 from ccm_opt.planning.pose_beginnings import any_motion
 from ccm_opt.planning.refinement import nominal_task, refine_space_motion
-from ccm_opt.planning.resuming import known_motion, moved_end, nearest_known, resumed
+from ccm_opt.planning.resuming import bent_onto, known_motion, moved_end, nearest_known, resumed, tracked_to
 from ccm_opt.planning.search import Strategy
 from ccm_opt.planning.settings import (
     DEFAULT_CURVE_PLANNER,
@@ -71,6 +72,8 @@ so long [s]. Heuristic: of random arms that never leave their guide tube wholly,
 _ADAPTING_SHARE = 0.7
 """Fraction of the time left in the plane that adapting a known motion may use: the rest is for the smooth path, which
 takes a tenth as long in the swan's neck. Heuristic."""
+_ADAPTING_SHARE_IN_SPACE = 0.6
+"""Fraction of the time left in space that adapting a known motion may use: the rest is for a search. Heuristic."""
 _OPTIMISATION_SHARE = 0.5
 """Fraction of the time left in space that the optimisation may use: the rest is for the smooth path. Heuristic."""
 _FURTHER_SHARE = 0.6
@@ -240,22 +243,46 @@ class MotionPlanner:
     def _adapted(self, problem: Problem, task: SpaceTask, known: SpaceMotion) -> PlannedPath | None:
         """Return the plan whose motion is a known one adapted to the task's goal, or None if it cannot be adapted.
 
-        Where the arm follows its tip, only that path is certified: the adapted motion gives its end.
+        Where the arm follows its tip, only that path is certified: the adapted motion gives its end. Where neither that
+        path nor a deformed motion is certified, the motion is tracked by steps that avoid obstacles.
         """
+        hurried = task.deadline_within(_ADAPTING_SHARE_IN_SPACE * task.deadline.left)
+        certified = () if known.instead is None else (known_motion(task.arm, known.instead),)
+        ends = []
+        for each in (known, *certified):
+            with self.stages("motion"):
+                end = moved_end(each, hurried)
+            if end is None:
+                continue
+            ends.append(end)
+            adapted = self._behind_tip(problem, hurried, *end) if task.follows else None
+            if adapted is None:
+                with self.stages("motion"):
+                    motion = bent_onto(*end, hurried)
+                adapted = self._resumed(problem, task, motion)
+            if adapted is not None:
+                return adapted
+        if not ends:
+            return None
         with self.stages("motion"):
-            begun = moved_end(known, task)
-        if begun is not None and task.follows:
-            bent = next(begun[0].bent_to(begun[1]))
-            with self.stages("smooth path"):
-                behind = path_behind_tip(_bounded(problem, task), bent, optimised=True)
-            if behind is not None:
-                return PlannedPath(behind, replace(bent, instead=behind.keyframes), resumed=True)
-        with self.stages("motion"):
-            motion = None if begun is None else led_to(*begun, task, (0.0,))
+            motion = tracked_to(*ends[-1], hurried)
+        return self._resumed(problem, task, motion)
+
+    def _behind_tip(
+        self, problem: Problem, task: SpaceTask, known: SpaceMotion, poses: Sequence[Pose]
+    ) -> PlannedPath | None:
+        """Return the plan on which the arm follows its tip to the last of the poses to which a known motion leads."""
+        bent = next(known.bent_to(poses[-1].v))
+        with self.stages("smooth path"):
+            behind = path_behind_tip(_bounded(problem, task), bent, optimised=True)
+        return None if behind is None else PlannedPath(behind, replace(bent, instead=behind.keyframes), resumed=True)
+
+    def _resumed(self, problem: Problem, task: SpaceTask, motion: SpaceMotion | None) -> PlannedPath | None:
+        """Return the plan with the smooth path along an adapted motion; None without a motion or a certified path."""
         if motion is not None:
             with suppress(MotionNotFound), self.stages("smooth path"):
                 return replace(_smoothed(problem, replace(task, follows=False), (motion,)), resumed=True)
-        return None if known.instead is None else self._adapted(problem, task, known_motion(task.arm, known.instead))
+        return None
 
     def _improvable(self, problem: Problem, task: SpaceTask, planned: PlannedPath) -> PlannedPath:
         """Return a plan in space whose path has a function that optimises it further, if that may gain clearance."""
