@@ -37,8 +37,8 @@ from ccm_opt.verification.verifier import verify
 _PATIENCE = 0.6
 """CPU time limit for replanning a planar motion after a change [s]. Heuristic: a tolerable delay while dragging."""
 _PATIENCE_IN_SPACE = 0.95
-"""CPU time limit for replanning a motion in space after a change [s]. Derived: the search may use four fifths of it, and
-timing and verification take up to 0.2 s more, so that an answer comes within a second."""
+"""CPU time limit for replanning a motion in space after a change [s]. Derived: the search may use 0.8 of it, and
+timing and verification take up to 0.2 s, so an answer comes within a second."""
 _PATIENCE_ON_FEED = 3.0
 """CPU time limit for replanning a planar motion on a feed axis, which is searched for after each change [s]. Heuristic:
 twice as long as an example problem takes."""
