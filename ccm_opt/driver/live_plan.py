@@ -247,9 +247,10 @@ class LivePlan:
 
     @staticmethod
     def suits(problem: Problem) -> bool:
-        """Return whether a problem is supported: no free order, joint error, path, view or even sections."""
+        """Return whether a problem is supported: no free order, joint error, path, view, even sections or bodies."""
         arm = problem.arm
-        plain = not (arm.drives or arm.carrier or problem.joint_error or problem.planner.order == "free")
+        plain = not (arm.drives or arm.carrier or arm.tool or arm.bodies)
+        plain = plain and not (problem.joint_error or problem.planner.order == "free")
         plain = plain and all(stop.goal.path is None and stop.goal.look_at is None for stop in problem.goals)
         return plain and problem.planner.method == "nlp"
 

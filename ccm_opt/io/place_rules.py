@@ -146,10 +146,8 @@ def check_base(
         advice = "move the base inside"
         if drawing is not None:
             low, high = np.reshape(drawing.box, (2, 2))
-            advice += (
-                f", or {drawing.file} by workspace.offset: it lies from {_place(low, unit)} to {_place(high, unit)}"
-            )
-            advice += f" {unit}"
+            advice += f", or move or scale {drawing.file} by workspace.offset and workspace.scale: it lies from "
+            advice += f"{_place(low, unit)} to {_place(high, unit)} {unit}"
         issues.add(("arm", "base"), f"{where} is {file_length(outside)} outside the {room}; {advice}")
 
 
