@@ -9,7 +9,6 @@ the band is divided into equal distances again.
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import product
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -40,10 +39,8 @@ _RIDGE = 0.001
 
 _TENSION = 0.02
 """Dimensionless weight of the band's length against its bending. Heuristic; just enough to remove surplus length."""
-_TIGHTNESS_POWERS = (6, 2)
-"""Powers of curvature over its limit by which the weight of bending grows; the second is tried after all margins.
-Measured behind an entrance at 48 links: with 6 a band bends 2.5 times as much as the arm may, with 2 less than half as
-much as the arm may."""
+_TIGHTNESS_POWER = 6
+"""Power of curvature over its limit by which the weight of bending grows. Heuristic."""
 _MOST_TIGHT = 1.5
 """Curvature, as a multiple of the limit, beyond which the weight of bending no longer grows; a kink would otherwise
 dominate all other terms. Heuristic."""
@@ -53,12 +50,12 @@ no shift sideways. Heuristic."""
 _FREE_SPACE_MARGINS = (1.0, 0.4, 0.1)
 """Margins of free space beyond radius and clearance, widest first, as fractions of the distance by which a link, as a
 chord of the path, cuts a bend at the joint limit (its sagitta). Heuristic."""
-_BAND_MARGINS = (0.2, 0.05, 0.01)
-"""Margins of elastic bands beyond radius and clearance, kept where possible, in link lengths. Heuristic."""
+_BAND_MARGIN = 0.2
+"""Least margin of elastic bands beyond radius and clearance, kept where possible, in link lengths. Heuristic."""
 _BAND_GAP = 0.8
-"""Margin of elastic bands that is tried first if wider than the others, as a fraction of the preferred clearance.
-Measured in tubes that leave just the preferred gap, at 48 links: at 1 the band has no freedom, oscillates, and the
-motion lasts 1.5 times as long."""
+"""The same as a fraction of the preferred clearance, which is more than a fraction of a short link. Measured in tubes
+that leave just the preferred gap, at 48 links: at 1 the band has no freedom, oscillates, and the motion lasts 1.5 times
+as long."""
 _BAND_SPACING = 1.0 / 3.0
 """Distance between the points of a band, in link lengths. Heuristic."""
 _LEAST_BAND_SPACING = 1.0 / 90.0
@@ -85,7 +82,6 @@ class ElasticBand:
         curvature_limit: bound on the absolute curvature that the band keeps if possible [1/m].
         spacing: distance h between points [m].
         evenness: length over which a change of curvature weighs as much as the curvature itself [m].
-        tightness_power: power of curvature over its limit with which the weight of bending grows.
     """
 
     walls: Walls
@@ -94,7 +90,6 @@ class ElasticBand:
     curvature_limit: float
     spacing: float
     evenness: float
-    tightness_power: int = _TIGHTNESS_POWERS[0]
 
     def smoothed(self, taut: FloatArray, headings: tuple[float, float | None]) -> FloatArray:
         """Return a smooth path near a shortest path, with the same first and last point.
@@ -151,7 +146,7 @@ class ElasticBand:
 
         tightness = np.abs(scaled_curvature) / (self.curvature_limit * h * h)
         tightness = np.minimum(tightness, _MOST_TIGHT)
-        weight = 1.0 + _TIGHTNESS * tightness**self.tightness_power
+        weight = 1.0 + _TIGHTNESS * tightness**_TIGHTNESS_POWER
 
         straight = np.zeros((1, m))  # before and after the band
         change = np.diff(scaled_curvature, prepend=0.0, append=0.0)
@@ -268,30 +263,15 @@ class LeaderPaths:
             shrink = CORNER_DISTANCE * arm.length
             routes = free_space.routes(begin, end, self.problem.planner.routes, shrink=shrink)
             within = [route for route in routes if straight + route.length + self._last_link <= most]
-            for (k, route), kind in product(enumerate(within, start=1), self._band_kinds):
-                path = self._band(free_space, route, straight, kind, f"band {k}")
+            for k, route in enumerate(within, start=1):
+                path = self._band(free_space, route, straight, f"band {k}")
                 # In a duct all margins give the same band; bands are distinguished by their length.
                 length = round(path.end, 6)
                 if least <= path.end <= most * (1.0 + _CHORD_ALLOWANCE) and length not in seen:
                     seen.add(length)
                     yield path
 
-    @property
-    def _band_kinds(self) -> tuple[tuple[float, int], ...]:
-        """Pairs of a margin beyond radius and clearance [m] and a tightness power of bands, in order of trial.
-
-        For short links, margins that are fractions of a link are less than the preferred clearance, and lead to equally
-        tight turns around corners.
-        """
-        margins = tuple(self.problem.arm.link_length * share for share in _BAND_MARGINS)
-        wanted = _BAND_GAP * self.problem.wanted_gap
-        margins = (wanted, *margins) if wanted > margins[0] else margins
-        suddenly, gently = _TIGHTNESS_POWERS
-        return (*((margin, suddenly) for margin in margins), (margins[0], gently))
-
-    def _band(
-        self, free_space: FreeSpace, route: Route, straight: float, kind: tuple[float, int], name: str
-    ) -> LeaderPath:
+    def _band(self, free_space: FreeSpace, route: Route, straight: float, name: str) -> LeaderPath:
         """Return the leader's path from the feed axis along a route to the goal, smoothed as an elastic band.
 
         With a heading at the goal, the path is straight over the last link.
@@ -300,11 +280,10 @@ class LeaderPaths:
             free_space: free space in which the route was found.
             route: route from the end of the straight part to the goal.
             straight: position on the feed axis at which the path leaves the axis [m].
-            kind: margin [m] and tightness power of the band.
             name: name of the path.
         """
         arm = self.problem.arm
-        margin, power = kind
+        margin = max(_BAND_MARGIN * arm.link_length, _BAND_GAP * self.problem.wanted_gap)
         tightest = 2.0 * np.sin(0.5 * min(arm.joint_limit, np.pi))  # chords on an arc of κ bend by 2 asin(κ l/2)
         band = ElasticBand(
             walls=self.problem.workspace.flat_walls,
@@ -313,7 +292,6 @@ class LeaderPaths:
             curvature_limit=float(_CURVATURE_SHARE * tightest / arm.link_length),
             spacing=max(_BAND_SPACING * arm.link_length, _LEAST_BAND_SPACING * arm.length),
             evenness=_BAND_EVENNESS * arm.length,
-            tightness_power=power,
         )
         # Routes keep a distance from corners; the band finds its own.
         taut = free_space.sleeve_path(route.sleeve, *self._band_ends(straight))

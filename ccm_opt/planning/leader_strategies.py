@@ -7,7 +7,7 @@ feed, planned as an arm on a fixed base. Of the motions to one path that are fou
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 from itertools import chain
 from typing import TypeAlias
 
@@ -54,11 +54,8 @@ ShapeChange: TypeAlias = Callable[[Problem, Ends, Deadline], Motion]
 _SAME_POSE = 1e-7
 """Difference below which bends count as equal [rad]. Heuristic; far above the rounding of chords, far below any visible
 difference."""
-_SHORT_CHANGE = 0.8
-"""CPU time for a change of shape that is only compared with others [s]. Measured on bent starts: successful ones take
-0.1 to 0.4 s."""
-_CHANGE_SHARE = 0.25
-"""Fraction of the time limit that one change of shape may use if everything else has failed. Heuristic."""
+_CHANGE_TIME = 2.0
+"""CPU time that one change of shape may take [s]. Measured on bent starts: successful ones take 0.1 to 0.5 s."""
 _PATHS_CHANGED_TO = 3
 """Number of leader's paths to which a change of shape is tried. Heuristic."""
 _LEAST_LINKS_CHANGED = 2
@@ -83,7 +80,7 @@ def fed_strategies(problem: Problem, change: ShapeChange) -> tuple[Strategy[Moti
         change: function that plans a change of shape at a fixed feed.
     """
 
-    def led(task: MotionTask, failures: list[Failure], *, patient: bool = False) -> Motion | None:
+    def led(task: MotionTask, failures: list[Failure]) -> Motion | None:
         """Return the first motion along a leader's path that satisfies all limits, or None.
 
         A motion that violates the user's limits is replaced by one that tracks it under these limits, if possible.
@@ -91,23 +88,23 @@ def fed_strategies(problem: Problem, change: ShapeChange) -> tuple[Strategy[Moti
         Args:
             task: search task of the problem.
             failures: list to which failures are appended.
-            patient: whether only motions with changes of shape are tried, with more time for each.
+
+        Raises:
+            UnreachableGoal: no motion is found, and it is proved that there is none.
         """
-        seconds = _CHANGE_SHARE * problem.planner.time_limit if patient else _SHORT_CHANGE
-        ways = LedWays(problem, task, change, seconds)
-        for motion in ways.changing() if patient else ways.quick():
+        for motion in LedWays(problem, task, change).motions():
             nearest = min((each.remaining for each in failures), default=np.inf)
             report_candidate(len(failures) + 1, motion.candidate, nearest)
             kept = _kept(motion, task, failures)
             if kept is not None or task.deadline.passed():
                 return kept
+        task.refuse()
         return None
 
     within = problem.planner.follow_within
     return (
         Strategy("interpolation", straight, lambda task: within is None and goes_straight_to_pose(task)),
         Strategy("leaders", led),
-        Strategy("changes of shape", partial(led, patient=True), costly=True),
     )
 
 
@@ -163,10 +160,10 @@ class LedWays:
     problem: Problem
     task: MotionTask
     change: ShapeChange
-    seconds: float
+    seconds: float = _CHANGE_TIME
 
-    def quick(self) -> Iterator[Motion]:
-        """Yield motions to the goal that are found quickly, those onto one leader's path sorted by length.
+    def motions(self) -> Iterator[Motion]:
+        """Yield motions to the goal, those onto one leader's path sorted by length.
 
         For each path these are: the motion that follows the path from the start or, if there is none, the first two
         motions that move onto the path, and the motion without any feed.
@@ -177,14 +174,6 @@ class LedWays:
             first = next(ways, None)
             others = [] if first is not None and first.follows else [next(ways, None), *at_once]
             yield from sorted(filter(None, (first, *others)), key=lambda motion: motion.busiest)
-
-    def changing(self) -> Iterator[Motion]:
-        """Yield motions with a change of shape: first onto each of a few leader's paths, then one without any feed."""
-        for number, path in enumerate(self._paths()):
-            if number == _PATHS_CHANGED_TO:
-                break
-            yield from self._along(path, changing=True)
-        yield from self.at_once()
 
     # ------------------------------------------------------------ lengths and the start's path
     @cached_property
