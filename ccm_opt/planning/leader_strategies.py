@@ -166,7 +166,7 @@ class LedWays:
         """Yield motions to the goal, those onto one leader's path sorted by length.
 
         For each path these are: the motion that follows the path from the start or, if there is none, the first two
-        motions that move onto the path, and the motion without any feed.
+        motions that move onto the path, and the motion without any feed, which comes last if no path needs others.
         """
         at_once = self.at_once()
         for number, path in enumerate(self._paths()):
@@ -174,6 +174,7 @@ class LedWays:
             first = next(ways, None)
             others = [] if first is not None and first.follows else [next(ways, None), *at_once]
             yield from sorted(filter(None, (first, *others)), key=lambda motion: motion.busiest)
+        yield from at_once
 
     # ------------------------------------------------------------ lengths and the start's path
     @cached_property

@@ -66,7 +66,7 @@ _SHARE_IN_THE_PLANE = 0.9
 """Fraction of the time limit that the search in the plane may use. Heuristic: the rest is for timing and checks."""
 _SHARE_IN_SPACE = 0.8
 """Fraction of the time limit that the search in space may use: the rest is for timing, simulation and diagnosis."""
-_SPACE_SHARE, _LEAST_IN_SPACE = 0.1, 2.0
+_SPACE_SHARE, _LEAST_IN_SPACE = 0.1, 5.0
 """Time in which a motion that was not found in the plane is sought in space: a fraction of the time limit, and at least
 so long [s]. Heuristic: of random arms that never leave their guide tube wholly, most take less than a second."""
 _ADAPTING_SHARE = 0.7
