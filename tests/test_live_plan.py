@@ -10,11 +10,17 @@ from hypothesis import strategies as st
 
 import ccm_opt
 from ccm_opt.cli.compare.suites import clutter
+from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.errors import NoPlanFound, ProblemError, UnreachableGoal
 from ccm_opt.driver import live_plan
 from ccm_opt.driver.live_plan import LivePlan
+from ccm_opt.planning import resuming
+from ccm_opt.planning.continuation import Stalled, settle
+from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.planner import MotionPlanner
+from ccm_opt.planning.pose import Pose
 from ccm_opt.planning.resuming import known_motion
+from ccm_opt.planning.step import SpaceStepper
 from ccm_opt.problem import JointPose, TipGoal
 
 from .conftest import PROBLEMS
@@ -182,3 +188,46 @@ def test_a_motion_that_touches_is_adapted_from_the_path_that_was_certified_inste
     for instead, resumed in ((None, False), (solution.path.keyframes, True)):
         planned = planner.planned_in_space(solution.problem, (replace(touching, instead=instead),))
         assert planned.resumed == resumed
+
+
+@pytest.mark.drawn(1)
+def test_a_motion_that_goes_back_and_forth_is_shortened() -> None:
+    """Where an adapted motion is longer than need be, it is optimised along the same route if that is wanted."""
+    solution = solved_in_space("swan-neck-in-space")
+    known = known_motion(solution.problem.arm, solution.trajectory.positions)
+    middle = len(known.unknowns) // 2
+    forth = known.unknowns[middle:]
+    twice = known.through(np.vstack((known.unknowns, forth[-2::-1], forth[1:])))
+    planner = MotionPlanner(first_found=True)
+    plain, short = (
+        planner.planned_in_space(solution.problem, (twice,), shortened=shortened) for shortened in (False, True)
+    )
+    assert (plain.resumed, plain.shortened, short.resumed, short.shortened) == (True, False, True, True)
+    assert short.motion.busiest < 0.7 * plain.motion.busiest
+
+
+@pytest.mark.drawn(1)
+@pytest.mark.parametrize("stalls", [0, 2])
+def test_an_arm_that_cannot_move_at_its_end_is_drawn_back(stalls: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The tip is led onto a moved goal from the end of the known motion, or from an earlier keyframe of it."""
+    solution = solved_in_space("swan-neck-in-space")
+    known = known_motion(solution.problem.arm, solution.trajectory.positions)
+    goal = solution.problem.goal
+    assert isinstance(goal, TipGoal)
+    moved = replace(solution.problem, goal=replace(goal, position=goal.position - 0.002))
+    begun: list[Pose] = []
+
+    def held(stepper: SpaceStepper, goal: GoalPose, pose: Pose, deadline: Deadline) -> list[Pose]:
+        begun.append(pose)
+        if len(begun) <= stalls:
+            raise Stalled("held", [pose])
+        return settle(stepper, goal, pose, deadline)
+
+    monkeypatch.setattr(resuming, "settle", held)
+    planned = MotionPlanner(first_found=True).planned_in_space(moved, (known,))
+    assert planned.resumed
+    kept = np.array_equal(begun[-1].v, known.unknowns[-1])
+    assert kept == (stalls == 0)
+    assert np.linalg.norm(planned.path.spline(1.0) - known.configurations[-1]) > 0.0
+    tip = solution.problem.arm.joint_positions_at(planned.path.spline(1.0))[-1]
+    assert np.linalg.norm(tip - goal.position + 0.002) <= solution.problem.tolerances.position

@@ -23,6 +23,7 @@ from ccm_opt.core.polyline import points_at
 from ccm_opt.driver.legs import LEAST_TIME, Leg, Planner, end_to_end
 from ccm_opt.driver.pose_roadmap import PoseRoadmap
 from ccm_opt.planning.joining import PathJoiner, chain_time
+from ccm_opt.planning.search import clearance_cost
 from ccm_opt.problem import JointPose, Problem, Stop, Tolerances
 from ccm_opt.problem.solution import JointPath
 
@@ -267,8 +268,8 @@ class KnownMotions:
             return leg
 
     def cost(self, legs: Sequence[Leg], duration: float) -> float:
-        """Return the duration of legs, doubled if they keep none of the preferred clearance [s]."""
-        return duration * (1.0 + max(float(np.max(self._joiner.lack(leg.path))) for leg in legs))
+        """Return the cost of legs by their duration and the clearance that they lack [s]; see ``clearance_cost``."""
+        return clearance_cost(duration, max(float(np.max(self._joiner.lack(leg.path))) for leg in legs))
 
     @property
     def bounds(self) -> FloatArray:

@@ -28,6 +28,7 @@ from ccm_opt.planning.own_units import planning_units
 from ccm_opt.planning.plane_in_space import needs_space
 from ccm_opt.planning.planner import MotionPlanner
 from ccm_opt.planning.resuming import known_motion
+from ccm_opt.planning.search import clearance_cost
 from ccm_opt.planning.settings import CurvePlannerSettings
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import Check, JointPath, Solution
@@ -62,6 +63,13 @@ _END_ROUNDS = 3
 """Maximum number of optimisation steps with fixed final pose. Heuristic: the next change continues from the result."""
 
 
+_SHORTENED_EVERY = 4
+"""Number of changes after which motions in space are optimised again as far as time permits, twice as many after each
+time that gains little. Heuristic: motions that are only adapted grow longer, and an optimisation takes as long as all
+else. Measured in drags in a wing box: with it, motions last 0.68 to 1.30 times as long as those of ``solve``; without,
+1.10 to 1.55 times."""
+
+
 def _dragging_settings(curve: CurvePlannerSettings) -> CurvePlannerSettings:
     """Return planner settings with few optimisation steps, for planar plans made during a drag."""
     optimisation = replace(curve.motion.optimisation, free_rounds=_FREE_ROUNDS, end_rounds=_END_ROUNDS)
@@ -86,6 +94,8 @@ class _FollowingPlanner:
         made: motions of the paths planned since ``begin``.
         resumed: whether all these paths were made from known motions.
         dragging: whether a goal or obstacle is being dragged.
+        wait: number of plans in space after which the motions are optimised again.
+        left: number of plans left until then.
     """
 
     thorough: MotionPlanner
@@ -94,9 +104,12 @@ class _FollowingPlanner:
     made: tuple[CurveMotion[Any], ...] = ()
     resumed: bool = False
     dragging: bool = False
+    wait: int = _SHORTENED_EVERY
+    left: int = _SHORTENED_EVERY
 
     def begin(self) -> None:
         """Begin a plan, whose paths are made from the known motions."""
+        self.left = self.left - 1 if self.left > 0 else self.wait
         self.made = ()
         self.resumed = True
 
@@ -109,7 +122,9 @@ class _FollowingPlanner:
         """
         planner = self.quick if self.dragging else self.thorough
         if problem.dimension == 3 or needs_space(problem.arm):
-            planned = planner.planned_in_space(problem, self.known)
+            planned = planner.planned_in_space(problem, self.known, shortened=self.left == 0)
+            if self.left == 0:
+                self.wait = _SHORTENED_EVERY if planned.shortened else 2 * self.wait
             path = planned.path
         else:
             with planning_units(problem) as units:
@@ -451,10 +466,10 @@ class LivePlan:
         return True
 
     def _cost(self, verified: VerifiedPlan) -> float:
-        """Return the duration of a plan, doubled if it keeps none of the preferred clearance [s]."""
-        lacking = self.problem.workspace.clearance + self.problem.wanted_gap - _wall_gap(verified.checks)
-        lack = lacking / self.problem.wanted_gap if self.problem.wanted_gap > 0.0 else 0.0
-        return verified.trajectory.duration * (1.0 + min(max(lack, 0.0), 1.0))
+        """Return the cost of a plan by its duration and the clearance that it lacks [s]; see ``clearance_cost``."""
+        wanted = self.problem.wanted_gap
+        lacking = self.problem.workspace.clearance + wanted - _wall_gap(verified.checks)
+        return clearance_cost(verified.trajectory.duration, lacking / wanted if wanted > 0.0 else 0.0)
 
     def _keep(self, verified: VerifiedPlan, stages: Stages) -> None:
         """Make a verified plan the current plan of the present problem."""

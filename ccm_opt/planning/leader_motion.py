@@ -230,7 +230,7 @@ def _best(behind: FloatArray, task: SpaceTask) -> bool:
     """Return whether ``_worth`` would prefer a motion (K, c) to every possible motion between its ends."""
     # No motion has more clearance than its ends, or is faster than its feed.
     roomy = task.shortfall_on_the_way(behind) <= _LOST_ROOM * task.wanted_gap
-    return roomy and _time(behind, task) <= _LONGER * _fastest(behind, task)
+    return roomy and travel_time(behind, task) <= _LONGER * _fastest(behind, task)
 
 
 def _worth(behind: FloatArray, lack: float, optimised: SpaceMotion, task: SpaceTask) -> bool:
@@ -246,11 +246,11 @@ def _worth(behind: FloatArray, lack: float, optimised: SpaceMotion, task: SpaceT
     """
     gained = float(np.max(task.clearance_shortfall(optimised.configurations))) - lack
     roomier = gained > _GAINED_ROOM * task.wanted_gap
-    longest = (_LONGER_WITH_ROOM if roomier else _LONGER) * _time(optimised.configurations, task)
-    return gained >= -_LOST_ROOM * task.wanted_gap and _time(behind, task) <= longest
+    longest = (_LONGER_WITH_ROOM if roomier else _LONGER) * travel_time(optimised.configurations, task)
+    return gained >= -_LOST_ROOM * task.wanted_gap and travel_time(behind, task) <= longest
 
 
-def _time(q: FloatArray, task: SpaceTask) -> float:
+def travel_time(q: FloatArray, task: SpaceTask) -> float:
     """Return a measure of a motion's duration: the turn of the drive that takes longest, summed over intervals [rad].
 
     Args:
@@ -261,7 +261,7 @@ def _time(q: FloatArray, task: SpaceTask) -> float:
 
 
 def _fastest(q: FloatArray, task: SpaceTask) -> float:
-    """Return a lower bound of the measure ``_time`` of all motions between the ends of one (K, c), from their feed."""
+    """Return a lower bound of ``travel_time`` of all motions between the ends of one (K, c), from their feed [rad]."""
     return float(abs(q[-1, -1] - q[0, -1]) * task.slowness[-1])
 
 
@@ -275,7 +275,7 @@ def _fed_too_far(q: FloatArray, task: SpaceTask, *, optimised: bool) -> bool:
     """
     out, inwards, fork = _paths(task.arm, q[0], q[-1])
     fed = (out.feed - fork) + (inwards.feed - fork)
-    longest = _LONGER_WITH_ROOM * _time(q, task) if optimised else _LONGER * _fastest(q, task)
+    longest = _LONGER_WITH_ROOM * travel_time(q, task) if optimised else _LONGER * _fastest(q, task)
     return bool(fed * task.slowness[-1] > (1.0 + _STRAIGHT) * longest + _STRAIGHT * task.arm.length)
 
 

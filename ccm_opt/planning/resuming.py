@@ -33,17 +33,14 @@ _Known = TypeVar("_Known", bound=CurveMotion[Any])
 _KEYFRAMES = 60
 """Largest number of keyframes of a known motion that is given by its configurations. Heuristic: more than planned
 motions have as a rule."""
-_RETREATS = (1.0, 0.95, 0.85, 0.7)
-"""Fractions of the keyframes of a known motion from which the tip is led onto the new goal, tried in turn: where the
-arm lies against an obstacle at the end, it has to draw back first. Measured: of eight ends in an elbow and a wing box
-from which no step leads onto a goal half a link away, five are left by the second or third."""
+_RETREATS = ((1.0, 1.0), (1.0, 0.0), (0.95, 1.0), (0.85, 0.0), (0.7, 1.0))
+"""Fractions of the keyframes of a known motion from which the tip is led onto the new goal, and margins of the steps as
+multiples of the planning margin, tried in turn. Measured in drags: of eight ends in an elbow and a wing box from which
+no step leads onto a goal half a link away, five are left by drawing back; an end with a margin can follow its tip more
+often, and the next goal is reached from it."""
 _SETTLE_STEPS = 20
 """Maximum number of steps from each of them onto the goal. Measured: those that succeed take 3 to 20 as a rule, the
 others up to 60."""
-_SETTLE_MARGINS = (1.0, 0.0)
-"""Margins of these steps, as multiples of the planning margin, tried in turn. Measured (``bench_live 75 7``): an end
-with a margin can follow its tip more often, and the next goal is reached from it; without, 3 of 75 goals in an elbow
-are not reached that are otherwise, and five motions take another route instead of one."""
 _SAME = 1e-9
 """Maximum difference between coordinates of equal configurations [rad, m]."""
 
@@ -184,28 +181,25 @@ def moved_end(known: SpaceMotion, task: SpaceTask) -> tuple[SpaceMotion, list[Po
             return None
         known = moved.backwards()
     continuation = replace(task.settings.continuation, settle_steps=_SETTLE_STEPS)
-    steppers = [
-        replace(stepper, settings=replace(stepper.settings, continuation=continuation))
-        for stepper in (task.stepper(known.curve, margin) for margin in _SETTLE_MARGINS)
-    ]
-    for fraction in _RETREATS:
+    for fraction, margin in _RETREATS:
         begun = known.through(known.unknowns[: 1 + round(fraction * (len(known.unknowns) - 1))])
-        for stepper in steppers:
-            settled = _settled(begun, stepper, task)
-            if settled is not None:
-                return (known if fraction == 1.0 else begun), settled
+        stepper = task.stepper(known.curve, margin)
+        stepper = replace(stepper, settings=replace(stepper.settings, continuation=continuation))
+        settled = _settled(begun, stepper, task)
+        if settled is not None:
+            return (known if fraction == 1.0 else begun), settled
     return None
 
 
-def tracked_to(known: SpaceMotion, poses: Sequence[Pose], task: SpaceTask) -> SpaceMotion | None:
+def tracked_to(known: SpaceMotion, end: FloatArray, task: SpaceTask) -> SpaceMotion | None:
     """Return a certified motion in space that tracks a known one by steps that avoid obstacles; None in vain.
 
     Args:
         known: the motion, which begins at the start of the task and need not be certified.
-        poses: poses from its end onto the goal, to the last of which it is deformed.
+        end: unknowns of a pose at the goal, to which it is deformed, shape (p,).
         task: the current obstacles, goal and limits.
     """
-    bent = next(known.bent_to(poses[-1].v))
+    bent = next(known.bent_to(end))
     reference = Reference(bent.path_parameters, bent.unknowns)
     motion = _tracked(reference, known.unknowns[0], task.stepper(known.curve, 0.0), task, known.candidate)
     # Steps leave many more keyframes than the smooth path needs.

@@ -66,6 +66,16 @@ class Failure:
         return describe_clearance(*self.tightest)
 
 
+def clearance_cost(duration: float, lack: float) -> float:
+    """Return the cost of a motion: its duration [s], doubled if the motion keeps none of the preferred clearance.
+
+    Args:
+        duration: the duration [s].
+        lack: how much of the preferred clearance the motion lacks at worst, as a fraction of it.
+    """
+    return duration * (1.0 + min(max(lack, 0.0), 1.0))
+
+
 def report_tried(candidate: str, failures: Sequence[Failure]) -> None:
     """Report to progress listeners the candidate now tried, its number and the least distance from the goal so far."""
     report_candidate(len(failures) + 1, candidate, min((failure.remaining for failure in failures), default=inf))
