@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -180,6 +181,24 @@ def test_the_page_follows_its_plan(viewer: ViewerApp) -> None:
     viewer._planned(live, live.move_goal((0.2, 0.3)))
     assert "No plan; the last one is shown" in viewer._status.content
     assert "hanging wall" in viewer._status.content
+
+
+def test_a_time_chosen_while_it_plays_is_what_the_slider_shows(
+    viewer: ViewerApp, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The page is sent the chosen time after the player's last one, and the motion stays there."""
+    with viewer._lock:
+        slider = viewer._slider
+        slider.value = 0.125  # the player's time, which the page has not got yet
+        slider._impl.value = 0.5  # as set by a message of the page
+        sent: list[Any] = []
+        monkeypatch.setattr(slider._impl.gui_api._websock_interface, "queue_message", sent.append)
+        viewer._slid(SimpleNamespace(client=object()))
+        monkeypatch.undo()
+    shown = [message.updates for message in sent if getattr(message, "uuid", "") == slider._impl.uuid]
+    assert shown[-1] == {"value": 0.5}
+    time.sleep(0.1)
+    assert viewer.time == 0.5
 
 
 @pytest.fixture(scope="module")

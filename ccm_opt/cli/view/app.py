@@ -256,8 +256,13 @@ class ViewerApp:
         # Events from people have a client; those of the player have none.
         if event.client is not None:
             with self._lock:
-                self._play.value = False
-                self.time = float(self._slider.value)
+                chosen = self.time = float(self._slider.value)
+                if self._play.value:
+                    self._play.value = False
+                    # The player's last time may reach the page after this one was chosen there, so it is sent again;
+                    # viser sends changes only.
+                    self._slider.value = 0.0 if chosen else self._end
+                    self._slider.value = chosen
                 self._pose()
                 self._readings.show(self.time)
 

@@ -21,6 +21,8 @@
         set: (value) => { size[side] = value; resize[side](); },
       });
     }
+    // viser draws slow scenes with three quarters of the pixels, and goes on so when they rest.
+    const whole = () => (canvas.clientWidth * Math.min(devicePixelRatio, 2)) / size.width || 1;
     const { viewport, bindFramebuffer, clear } = gl;
     const look = () => viewport.apply(gl, onScreen ? seen.map((value) => Math.round(share * value)) : seen);
     gl.viewport = (...box) => { seen = box; look(); };
@@ -33,7 +35,7 @@
     gl.clear = (bits) => {
       const now = document.timeline.currentTime; // the same for all of a frame
       if (onScreen && now !== last) {
-        const wanted = now - last > REST ? 1 : SHARE;
+        const wanted = whole() * (now - last > REST ? 1 : SHARE);
         last = now;
         if (wanted !== share) {
           share = wanted;

@@ -46,7 +46,7 @@ class ViewSettings:
     curved: int = 6
     most_triangles: int = 60_000
     cell: float = 0.004
-    glass: float = 0.35
+    glass: float = 0.2
     daylight: float = 1.5
     names: float = 0.8
     letter: float = 7.0
