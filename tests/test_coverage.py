@@ -16,6 +16,7 @@ from typer.testing import CliRunner
 import ccm_opt
 from ccm_opt.cli.commands import app
 from ccm_opt.core.errors import NoPlanFound, ProblemError, ProblemFileError
+from ccm_opt.driver.pose_finding import PoseFinder
 from ccm_opt.driver.set_cover import fewest_sets
 from ccm_opt.driver.view_sampling import ViewSampler
 from ccm_opt.io.problem_data import problem_data
@@ -23,6 +24,7 @@ from ccm_opt.io.reading import parse_problem, problem_from_mapping
 from ccm_opt.io.reading_back import load_posed
 from ccm_opt.problem import Coverage, JointPose, TipGoal
 from ccm_opt.scene.surface_pieces import SurfacePieces
+from ccm_opt.scene.tool_links import points_with_tool
 from ccm_opt.verification import coverage as verified
 from ccm_opt.verification.sight import free_half_angles
 from ccm_opt.verification.tool_chain import motion_of
@@ -120,6 +122,73 @@ def test_pieces_tile_surfaces_and_are_those_of_the_verifier(spacing: float, text
     np.testing.assert_allclose(pieces.centres[order], corners.mean(axis=1)[other], atol=1e-9)
     np.testing.assert_allclose(np.sort(pieces.sizes), np.sort(sizes))
     np.testing.assert_allclose(np.abs(np.sum(pieces.normals[order] * normals[other], axis=1)), 1.0)
+
+
+_BENT_TOOL = (
+    "[arm.tool]\ntip = {tip}\ndirection = {ahead}\nbodies = [{{ circle = {{ center = {centre}, radius = 0.01 }} }}]\n"
+)
+_TOOL = {
+    2: _BENT_TOOL.format(tip=[0.04, 0.02], ahead=[1.0, 1.0], centre=[0.02, 0.01]),
+    3: _BENT_TOOL.replace("circle", "sphere").format(tip=[0.03, 0.0, 0.02], ahead=[1, 0, 1], centre=[0.02, 0.0, 0.01]),
+}
+_EVEN = """[[arm.sections]]
+drive = "section"
+length = 0.15
+radius = 0.01
+bend_limit_deg = 120
+[[arm.sections]]
+drive = "section"
+length = 0.15
+radius = 0.01
+bend_limit_deg = 120
+[limits]
+"""
+_ARM = re.compile(r"(?m)^(links|link_length|radius|joint_limit_deg) = .*\n")
+_FEED = "feed = { range = [0.0, 0.2] }\n[limits]\nfeed_velocity = 0.1\nfeed_acceleration = 0.5\n"
+_GANTRY = """axes = [
+    { kind = "revolute", axis = [1, 0, 0], range_deg = [-90, 90], velocity = 1.0, acceleration = 4.0 },
+    { kind = "prismatic", axis = [0, 0, 1], range = [-0.1, 0.2], velocity = 0.1, acceleration = 0.5 },
+] }"""
+_COUPLING = """coupling = [[1, 0, 0], [0, 1, 0], [0, 0, 1], [0, 0, 0], [0, 0, 0.6], [0, 0, 0], [0, 0, 0.3], [0, 0, 0]]
+[limits]
+"""
+
+
+@pytest.mark.parametrize("tool", [False, True])
+@pytest.mark.parametrize(
+    ("text", "layout"),
+    [(PLANE, ""), (PLANE, _FEED), (PLANE, _EVEN), (SPACE, ""), (SPACE, _FEED), (SPACE, _EVEN), (SPACE, _GANTRY),
+     (SPACE, _COUPLING)],
+)  # fmt: skip
+def test_poses_are_those_of_the_arm_as_it_is(text: str, layout: str, tool: bool) -> None:
+    """Configurations of sampled poses have their tip, direction and limits, whatever the arm is made of."""
+    text = text.replace("box = [0.55, 0.0, ", "box = [0.55, 0.2, ")
+    text = text.replace("position = [0, 0.5, 0.5]", "position = [0.3, 0.5, 0.6]")
+    text = text.replace("joints_deg = [-20, 0, 0, 0, 0, 0]", 'shape = "straight"')
+    if layout == _GANTRY:
+        text = text.replace("direction = [1, 0, 0] }", f"direction = [1, 0, 0], {layout}")
+    else:
+        text = text.replace("[limits]\n", layout or "[limits]\n")
+    if layout == _EVEN:
+        head, arm, rest = re.split(r"(?m)^(?=\[arm\]|\[\[arm\.sections)", text, maxsplit=2)
+        text = head + _ARM.sub("", arm) + rest
+    if tool:
+        text = text.replace("[limits]\n", _TOOL[3 if text.startswith(SPACE[:20]) else 2] + "[limits]\n")
+    problem = parse_problem(text)
+    arm = problem.arm
+    finder = PoseFinder.of(problem)
+    poses = [finder.start, *finder.drawn(50)]
+    assert len(poses) > 1
+    for pose in poses:
+        q = finder.configuration(pose)
+        assert q.shape == (len(arm.coordinates),)
+        assert np.all(q >= arm.lower_limits - 1e-9)
+        assert np.all(q <= arm.upper_limits + 1e-9)
+        last, tip = points_with_tool(arm, q)[-2:]
+        axes = slice(None, None, 2 if len(pose.tip) > arm.dimension else 1)
+        np.testing.assert_allclose(tip, pose.tip[axes], atol=1e-9)
+        np.testing.assert_allclose((tip - last) / np.linalg.norm(tip - last), pose.tip_direction[axes], atol=1e-7)
+        assert finder.safe(q, q)
 
 
 @settings(max_examples=20)

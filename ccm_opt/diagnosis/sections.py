@@ -148,6 +148,8 @@ class Part:
             rotor_inertia=0.0,
             friction=0.0,
             proportions=None,
+            sections=None,
+            coupled=None,
         )
         straight = JointPose(np.zeros((links, 2) if arm.dimension == 3 else links), arm.base_range[0])
 

@@ -1,8 +1,9 @@
 """The fewest views from which a share of surfaces is seen: sampled, checked for poses, and chosen by a program.
 
 Views are sampled about the pieces of the surfaces (``view_sampling``), and the fewest that see enough are chosen
-(``set_cover``). A chosen view for which no pose of the arm is found, as for a map of the reach, is left out, and others
-are chosen in its place; so is one to which no motion is found.
+(``set_cover``). A chosen view for which no pose of the arm is found (``pose_finding``) is left out, and others are
+chosen in its place; so is one to which no motion is found. Views like it are left out with it, until the others see too
+little.
 
 An arm with few links is first posed at random, and views are those of a roadmap of its poses (``pose_roadmap``) if
 these see enough: then the motions between them are known, too.
@@ -19,12 +20,11 @@ import numpy as np
 from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.errors import Diagnosis, MotionNotFound, NoPlanFound, TimeLimitReached
+from ccm_opt.driver.pose_finding import PoseFinder
 from ccm_opt.driver.pose_roadmap import PoseRoadmap
 from ccm_opt.driver.set_cover import fewest_sets, greedy_order
 from ccm_opt.driver.view_sampling import LEAST_ROOM, NO_POSE, NO_ROOM, NOT_LOOKED_AT, OUT_OF_REACH, Views, ViewSampler
-from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.pose import Pose
-from ccm_opt.planning.tip_reach import ReachQuestion, TipLooker
 from ccm_opt.planning.tool_problem import problem_with_tool_links
 from ccm_opt.problem import Coverage, Problem, Stop, TipGoal, Tolerances
 from ccm_opt.problem.solution import Tour
@@ -38,6 +38,12 @@ _USED = 0.999
 """Fraction of the tolerances of a view that is used. Derived: far above rounding."""
 _DRAWN = 300
 """Number of sampled poses. Heuristic: each takes a few thousandths of a second."""
+_FURTHER_DRAWN = 1000
+"""Likewise when those before do not see enough. Heuristic."""
+_MOST_ROUNDS = 8
+"""Number of times that poses are sampled, and views with them, while these do not see enough. Heuristic."""
+_SKIPPED = -2
+"""Mark of a view that is left out since it is like one without a pose."""
 _FEW_LINKS = 8
 """Number of links up to which an arm with a fixed base has a roadmap of poses. Heuristic."""
 _ROADMAP_POSES = 50
@@ -60,8 +66,9 @@ _PROGRAM_TIME = 2.0
 """Time limit of the choice of the fewest views [s]. Heuristic: most take a second."""
 _ROUND_SHARE = 0.5
 """Fraction of the time left that is given to a tour, so that other views may follow. Heuristic."""
-_SEARCH_SHARE = 0.3
-"""Fraction of the time left after which no further poses are tried. Heuristic."""
+_SEARCH_SHARES = (0.5, 0.3)
+"""Fractions of the time left after which no further poses are tried: where known ones do not see enough, and where they
+do. Heuristic."""
 _ROUNDING = 1e-9
 """Share that counts as rounding, as for the verifier."""
 _SAMPLE_MARGIN = 0.01
@@ -77,14 +84,15 @@ class CoverageViews:
         coverage: what has to be seen.
         pieces: the pieces for which views are chosen.
         sampler: measures lines of sight to them.
-        lookup: finds poses; None for arms for which there are no maps of the reach.
+        finder: finds poses.
         rng: source of the sampled views.
         views: the sampled views.
-        posed: for each view, 2 if it was reached, 1 if a pose was found, −1 if it is left out, else 0, shape (n,).
+        posed: for each view, 2 if it was reached, 1 if a pose was found, −1 if none or no motion was, −2 if it is left
+            out since it is like such a view, else 0, shape (n,).
         reasons: why a piece has no view, an index of an obstacle that hides it or a negative number, shape (m,).
         poses: poses found so far.
         roadmap: known motions between them; None for arms with many links, or on a feed axis.
-        pose_of: the pose of each view that has one, by index of the view.
+        known: the configuration of each view whose pose is known, by index of the view, each of shape (c,).
         stops: views as goals, by index of the view.
         failures: errors of views to which no motion was found.
     """
@@ -93,11 +101,11 @@ class CoverageViews:
     coverage: Coverage
     pieces: SurfacePieces
     sampler: ViewSampler
-    lookup: TipLooker | None
+    finder: PoseFinder
     rng: np.random.Generator
     poses: list[Pose] = field(default_factory=list)
     roadmap: PoseRoadmap | None = None
-    pose_of: dict[int, Pose] = field(default_factory=dict)
+    known: dict[int, FloatArray] = field(default_factory=dict)
     stops: dict[int, Stop] = field(default_factory=dict)
     failures: list[NoPlanFound] = field(default_factory=list)
 
@@ -106,48 +114,69 @@ class CoverageViews:
         self.share = min(self.coverage.share + (_SAMPLE_MARGIN if sampled else 0.0), 1.0)
         none = np.zeros((0, self.problem.dimension))
         self.views = Views(none, none, np.zeros((0, len(self.pieces.sizes)), dtype=bool))
+        self._rounds = 0
         self.posed, self.reasons = np.zeros(0, dtype=np.intp), np.full(len(self.pieces.sizes), NOT_LOOKED_AT)
-        if self.lookup is None:
-            self._sample()
-        elif self.problem.arm.links <= _FEW_LINKS and self.problem.arm.feed is None:
-            self._begin_roadmap(self.lookup)
+        if self.problem.arm.links <= _FEW_LINKS and self.problem.arm.feed is None:
+            self._begin_roadmap()
         else:
-            self._sample()
-            self.poses = [self.lookup.stepper.pose(self.lookup.start), *self.lookup.drawn_free(_DRAWN)]
-            tips, axes = (np.array([getattr(pose, name) for pose in self.poses]) for name in ("tip", "tip_direction"))
-            self._add(self.sampler.at(tips, axes), self.poses)
+            self._add_poses([self.finder.start])
+            self._draw()
 
     def _sample(self) -> None:
-        """Sample views about the pieces that no known pose sees."""
-        sampled, self.reasons = self.sampler.sampled(self.rng, np.any(self.views.sees, axis=0))
-        self._add(sampled, ())
+        """Sample views about the pieces that no view sees but those that are left out."""
+        sampled, self.reasons = self.sampler.sampled(self.rng, np.any(self.views.sees[self.posed >= 0], axis=0))
+        self._add(sampled)
 
-    def _add(self, views: Views, poses: Sequence[Pose]) -> None:
-        """Add views, whose poses are known or none are."""
-        self.pose_of |= dict(enumerate(poses, start=len(self.posed)))
+    def _draw(self) -> bool:
+        """Draw poses, which are views, and sample further views; return whether these may see enough."""
+        if self._rounds == _MOST_ROUNDS or (self._rounds and self._possible() < self.share - _ROUNDING):
+            return False
+        self._sample()
+        self._add_poses(list(self.finder.drawn(_FURTHER_DRAWN if self._rounds else _DRAWN, self._rounds)))
+        self._rounds += 1
+        return True
+
+    def _possible(self) -> float:
+        """Return the share that is seen from some view, or may be for all that is known."""
+        sizes = self.pieces.sizes
+        maybe = np.any(self.views.sees, axis=0) | (self.reasons == NO_POSE)
+        return float(np.sum(sizes[maybe]) / np.sum(sizes))
+
+    def _revived(self) -> bool:
+        """Take back those views that were left out only because they are like others; return whether there are any."""
+        skipped = self.posed == _SKIPPED
+        self.posed[skipped] = 0
+        return bool(np.any(skipped))
+
+    def _add(self, views: Views, known: Sequence[FloatArray] = ()) -> None:
+        """Add views, whose configurations, each of shape (c,), are known or none are."""
+        self.known |= dict(enumerate(known, start=len(self.posed)))
         self.views = self.views.with_further(views)
-        self.posed = np.append(self.posed, np.full(len(views.tips), int(bool(poses))))
+        self.posed = np.append(self.posed, np.full(len(views.tips), int(bool(known))))
 
-    def _begin_roadmap(self, lookup: TipLooker) -> None:
+    def _begin_roadmap(self) -> None:
         """Draw poses until those to which motions lead from the start see enough, or as long as that is likely."""
-        start = lookup.stepper.pose(lookup.start)
+        start = self.finder.start
         pace = np.minimum(self.problem.limits.of_coordinates(self.problem.arm.coordinates).velocity, _FASTEST)
-        self.roadmap = PoseRoadmap(lookup.stepper.safe, pace, np.array([start.q]))
-        self._drawn, self._further = [start], lookup.drawn_free(_MOST_DRAWN)
+        self.roadmap = PoseRoadmap(self.finder.safe, pace, self.finder.configuration(start)[None])
+        self._drawn, self._further = [start], self.finder.drawn(_MOST_DRAWN)
         self._add_poses([start])
         while (before := self._lacking()) > _ROUNDING and self._grow():
             if before - self._lacking() < _GAIN * self._lacking():
                 return
 
     def _grow(self) -> bool:
-        """Draw poses until motions lead from the start to some more, which are views; return whether there are any."""
+        """Draw poses until motions lead from the start to some more, which are views; return whether there are any.
+
+        Without a roadmap, poses are drawn whether motions lead to them or not.
+        """
         roadmap, fresh = self.roadmap, list[Pose]()
         if roadmap is None:
-            return False
+            return self._draw()
         while len(fresh) < _JOINED and (some := list(islice(self._further, _ROADMAP_POSES))):
             known = np.append(roadmap.joined, np.zeros(len(some), dtype=bool))
             self._drawn += some
-            roadmap.add(np.array([pose.q for pose in some]))
+            roadmap.add(np.array(list(map(self.finder.configuration, some))))
             roadmap.find_neighbours()
             roadmap.join()
             fresh += [self._drawn[k] for k in np.flatnonzero(roadmap.joined & ~known)]
@@ -157,7 +186,8 @@ class CoverageViews:
 
     def _add_poses(self, poses: list[Pose]) -> None:
         """Add poses, and what is seen from them as views."""
-        self._add(self.sampler.from_poses(self.problem.arm, [pose.q for pose in poses]), poses)
+        known = list(map(self.finder.configuration, poses))
+        self._add(self.sampler.from_poses(self.problem.arm, known), known)
         self.poses += poses
 
     def _lacking(self) -> float:
@@ -189,7 +219,7 @@ class CoverageViews:
             some = np.sort(rng.choice(len(found.sizes), _MOST_PIECES, replace=False))
             found = SurfacePieces(found.corners[some], found.owner[some])
         sampler = ViewSampler(whole, coverage, found, problem.workspace.surface_tree)
-        return cls(problem, coverage, found, sampler, _tip_looker(problem), rng)
+        return cls(problem, coverage, found, sampler, PoseFinder.of(problem), rng)
 
     def fewest(self, deadline: Deadline) -> tuple[IntArray, int]:
         """Return the fewest views that see enough and have poses, and a lower bound on their number.
@@ -204,7 +234,8 @@ class CoverageViews:
         """
         sizes = self.pieces.sizes
         needed = self.share * float(np.sum(sizes))
-        search = deadline.within(max(_SEARCH_SHARE * deadline.left, 1.0))
+        # Where known poses see enough, further ones only lower the number of views.
+        search = deadline.within(max(_SEARCH_SHARES[self._lacking() <= _ROUNDING] * deadline.left, 1.0))
         # Those that see most are looked at first, so that few remain that cannot be reached.
         while not search.passed():
             alive = self._alive()
@@ -213,6 +244,8 @@ class CoverageViews:
                 break
         while True:
             alive = self._alive()
+            if search.passed() and self._lacking() <= _ROUNDING:
+                alive = np.flatnonzero(self.posed > 0)
             cover = fewest_sets(self.views.sees[alive], sizes, needed, np.divide(self.posed[alive], 2.0), _PROGRAM_TIME)
             chosen = alive[cover.sets]
             if search.passed() or self._have_poses(chosen):
@@ -229,20 +262,18 @@ class CoverageViews:
                 return np.flatnonzero(self.posed > 0)
             if np.all(self.reasons == NOT_LOOKED_AT):
                 self._sample()
-        alive = np.flatnonzero(self.posed >= 0)
-        while (together := self._share_of(self.views.sees[alive])) < self.share - _ROUNDING:
-            if not self._grow():
+        while (together := self._share_of(self.views.sees[self.posed >= 0])) < self.share - _ROUNDING:
+            if not (self._revived() or self._grow()):
                 raise self._not_enough(together)
-            alive = np.flatnonzero(self.posed >= 0)
-        return alive
+        return np.flatnonzero(self.posed >= 0)
 
     def _have_poses(self, some: IntArray) -> bool:
         """Return whether all of some views have poses; those that have none are left out."""
         for k in some:
-            if self.posed[k] == 0 and self.lookup is not None:
-                self.posed[k] = self._posed(self.lookup, int(k))
+            if self.posed[k] == 0:
+                self.posed[k] = self._posed(int(k))
                 if self.posed[k] < 0:
-                    self.posed[self._alike(k) & (self.posed == 0)] = -1
+                    self.posed[self._alike(k) & (self.posed == 0)] = _SKIPPED
         return bool(np.all(self.posed[some] >= 0))
 
     def _alike(self, k: np.intp) -> BoolArray:
@@ -257,19 +288,22 @@ class CoverageViews:
         count = int(np.searchsorted(covered @ self.pieces.sizes, needed)) + 1
         return np.asarray(order[:count][self.posed[order[:count]] == 0])
 
-    def _posed(self, lookup: TipLooker, k: int) -> int:
+    def _posed(self, k: int) -> int:
         """Return 1 if a pose is found for a view, which is kept, else −1."""
         near = self.stop(k).tolerances
-        goal = GoalPose(self.views.tips[k], self.views.axes[k], room=(near.position, near.heading))
-        pose = lookup.led_from(self.poses, goal, _SEEDS)
+        room = near.position, near.heading
+        pose = self.finder.led_from(self.poses, self.views.tips[k], self.views.axes[k], room, _SEEDS)
         if pose is None:
             return -1
+        q = self.finder.configuration(pose)
         self.poses.append(pose)
         if self.roadmap is not None:
             self._drawn.append(pose)
-            self.roadmap.add(pose.q[None])
+            self.roadmap.add(q[None])
             self.roadmap.find_neighbours()
-        self.pose_of[k] = pose
+        self.known[k] = q
+        # Motions lead to this very pose, if there are any.
+        self.views.sees[k] = self.sampler.from_poses(self.problem.arm, [q]).sees[0]
         return 1
 
     def stop(self, k: int) -> Stop:
@@ -280,7 +314,7 @@ class CoverageViews:
 
     def known_poses(self, chosen: IntArray) -> dict[int, FloatArray]:
         """Return the configurations (c,) that are known of some views, shape (k,), by index among these."""
-        return {at: self.pose_of[k].q for at, k in enumerate(chosen.tolist()) if k in self.pose_of}
+        return {at: self.known[k] for at, k in enumerate(chosen.tolist()) if k in self.known}
 
     def chain(self, first: FloatArray, last: FloatArray) -> FloatArray | None:
         """Return poses between which motions are known, from one pose (c,) to another one, shape (K, c), or None."""
@@ -323,7 +357,8 @@ class CoverageViews:
     def leave_out(self, missed: IntArray, failures: Sequence[NoPlanFound] = ()) -> None:
         """Leave out views to which no motion was found, shape (k,), with the errors."""
         for k in missed:
-            self.posed[self._alike(k) & (self.posed < 2)] = -1
+            self.posed[self._alike(k) & (self.posed >= 0) & (self.posed < 2)] = _SKIPPED
+            self.posed[k] = -1
         self.failures += failures
 
     def learn(self, reached: IntArray, ends: Sequence[FloatArray]) -> None:
@@ -393,12 +428,3 @@ class CoverageViews:
         evidence = {"share": together, "wanted": self.coverage.share, "views": len(self.views.tips)}
         kind = TimeLimitReached if any(isinstance(each, TimeLimitReached) for each in self.failures) else MotionNotFound
         return kind(Diagnosis(reason, "views", advice, evidence))
-
-
-def _tip_looker(problem: Problem) -> TipLooker | None:
-    """Return what finds poses of the arm; None for arms for which there are no maps of the reach."""
-    arm = problem.arm
-    if arm.carrier or arm.drives is not None or arm.rigid_bodies or (arm.base_axes and problem.dimension == 2):
-        return None
-    plain = replace(problem, coverage=None, planner=replace(problem.planner, order="given", end="free"))
-    return ReachQuestion.about(plain, arm.length, np.zeros((0, problem.dimension))).looker

@@ -29,7 +29,7 @@ from ccm_opt.planning.settings import SpaceMotionSettings
 from ccm_opt.planning.space_task import space_task
 from ccm_opt.planning.spline_path import certified_spare, certified_spline
 from ccm_opt.planning.surface_certificate import SpaceCertificate
-from ccm_opt.planning.tool_problem import own_coordinates, path_without_tool_links, problem_with_tool_links
+from ccm_opt.planning.tool_problem import path_without_tool_links, problem_with_tool_links, with_bodies
 from ccm_opt.problem import JointPose, Problem
 from ccm_opt.problem.solution import JointPath
 from ccm_opt.robot.arm import HELD_TOLERANCE, Arm
@@ -100,7 +100,7 @@ class PathJoiner:
         start, goal = (JointPose.from_configuration(q, arm.coordinates) for q in chain[[0, -1]])
         problem = problem_with_tool_links(replace(self.problem, start=start, goal=goal, stops=()))
         whole = problem.arm
-        chain, pace = _with_bodies(chain, whole, 0.0), _with_bodies(self.pace, whole, 1.0)
+        chain, pace = with_bodies(chain, whole, 0.0), with_bodies(self.pace, whole, 1.0)
         if arm.dimension == 2:
             with planning_units(problem) as units:
                 scaled, metres = units.scaled(problem), _metres(units, whole)
@@ -125,7 +125,7 @@ class PathJoiner:
         if self.problem.dimension == 2:
             return self.path(chain) is not None
         shortening = self._contact_shortening
-        rows = shortening.straight(*_with_bodies(chain, shortening.arm, 0.0))
+        rows = shortening.straight(*with_bodies(chain, shortening.arm, 0.0))
         return len(shortening.failures(rows)) == 0
 
     @cached_property
@@ -133,7 +133,7 @@ class PathJoiner:
         """Shortening of chains in space without regard to their gaps."""
         problem = problem_with_tool_links(replace(self.problem, goal=self.problem.start, stops=()))
         *_, certificate = self._certificates(problem, problem.start.configuration(problem.arm)[None])
-        return _Shortening(certificate, _with_bodies(self.pace, problem.arm, 1.0), _tube(problem))
+        return _Shortening(certificate, with_bodies(self.pace, problem.arm, 1.0), _tube(problem))
 
     def lack(self, path: JointPath) -> FloatArray:
         """Return how much clearance a path lacks at samples, as fractions of the preferred one, shape (K,).
@@ -151,7 +151,7 @@ class PathJoiner:
             return self._in_space.lack_at(rows_in_space(rows, self.problem.arm.links))
         start = JointPose.from_configuration(rows[0], self.problem.arm.coordinates)
         problem = problem_with_tool_links(replace(self.problem, start=start, goal=start, stops=()))
-        rows = _with_bodies(rows, problem.arm, 0.0)
+        rows = with_bodies(rows, problem.arm, 0.0)
         if problem.dimension == 2:
             with planning_units(problem) as units:
                 task: SearchTask = _planar_task(units.scaled(problem))
@@ -202,20 +202,6 @@ def _shortest(
         certificates = itertools.islice(certificates, 1)
     paths = (_Shortening(certificate, pace, _tube(problem)).path(chain) for certificate in certificates)
     return next((path for path in paths if path is not None), None)
-
-
-def _with_bodies(values: FloatArray, whole: Arm, still: float) -> FloatArray:
-    """Return values of an arm's coordinates, shape (..., c), with those of the joints of its bodies as links.
-
-    Args:
-        values: values of the arm's own coordinates.
-        whole: the arm with its bodies as links.
-        still: value of a coordinate that never changes.
-    """
-    own = own_coordinates(whole)
-    found = np.full((*values.shape[:-1], len(own)), still)
-    found[..., own] = values
-    return found
 
 
 def chain_time(chain: FloatArray, pace: FloatArray) -> FloatArray:

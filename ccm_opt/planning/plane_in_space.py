@@ -94,10 +94,10 @@ def path_in_plane(path: JointPath, arm: Arm) -> JointPath:
         arm: the planar arm.
     """
     spline = path.spline
-    keyframes = _in_plane(path.keyframes, arm.links)
+    keyframes = rows_in_plane(path.keyframes, arm.links)
     return replace(
         path,
-        spline=type(spline)(spline.t, _in_plane(spline.c, arm.links), spline.k),
+        spline=type(spline)(spline.t, rows_in_plane(spline.c, arm.links), spline.k),
         keyframes=keyframes,
         curves=nearest_curves(arm, keyframes),
         goal_pose=None,
@@ -111,7 +111,7 @@ def rows_in_space(values: FloatArray, links: int) -> FloatArray:
     return np.hstack((pairs.reshape(len(values), -1), values[:, links:]))
 
 
-def _in_plane(values: FloatArray, links: int) -> FloatArray:
+def rows_in_plane(values: FloatArray, links: int) -> FloatArray:
     """Return configurations in space, shape (K, c), as those in the plane, shape (K, c − links) [rad, m]."""
     return np.ascontiguousarray(np.hstack((0.0 - values[:, 1 : 2 * links : 2], values[:, 2 * links :])))
 

@@ -16,7 +16,6 @@ import numpy as np
 from ccm_opt.core.arrays import BoolArray, FloatArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.threads import on_one_thread
-from ccm_opt.planning.curve_map import CurveMap
 from ccm_opt.planning.draws import TargetDraws
 from ccm_opt.planning.ends import resolve_ends
 from ccm_opt.planning.goal import GoalPose, moved_onto
@@ -24,6 +23,7 @@ from ccm_opt.planning.link_space import KNOTS, fit_coordinates
 from ccm_opt.planning.planner import MotionPlanner
 from ccm_opt.planning.pose import Pose
 from ccm_opt.planning.sampled_poses import POLISH_TURN, random_unknowns
+from ccm_opt.planning.section_map import unknowns_through
 from ccm_opt.planning.settings import SpaceMotionSettings
 from ccm_opt.planning.space_task import SpaceTask, space_task
 from ccm_opt.planning.step import StepperOf
@@ -269,9 +269,10 @@ class TipLooker:
             most: number of poses from which it is tried.
         """
         unit = self.stepper.space.arm.length
-        away = [float(np.linalg.norm(pose.tip - goal.position)) / unit for pose in poses]
-        ahead = [0.0 if goal.direction is None else float(pose.tip_direction @ goal.direction) for pose in poses]
-        for number in np.argsort(np.array(away) - _AHEAD * np.array(ahead), kind="stable")[:most]:
+        tips, axes = np.stack([(pose.tip, pose.tip_direction) for pose in poses], axis=1)
+        away = np.linalg.norm(tips - goal.position, axis=1) / unit
+        ahead = 0.0 if goal.direction is None else axes @ goal.direction
+        for number in np.argsort(away - _AHEAD * ahead, kind="stable")[:most]:
             found, _ = self._led(poses[number], goal)
             if found is not None:
                 return found
@@ -329,7 +330,7 @@ def _in_plane(problem: Problem, settings: ReachSettings) -> TipLooker:
 def _in_space(problem: Problem, settings: ReachSettings) -> TipLooker:
     """Return the processor of cells for an arm among surfaces in space."""
     task = space_task(problem, problem.workspace.surface_tree, Deadline.never(), SpaceMotionSettings())
-    curve, start = CurveMap.through(task.arm, task.start)
+    curve, start = unknowns_through(task.arm, task.start)
     stepper = task.stepper(curve)
     seen = replace(task, wanted_gap=settings.seen * task.arm.length)
     return TipLooker(stepper, start, seen.least_gap, partial(random_unknowns, stepper), task.seed, task)

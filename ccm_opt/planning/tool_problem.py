@@ -107,6 +107,20 @@ def own_coordinates(whole: Arm) -> BoolArray:
     return np.append(joints, np.ones(len(whole.coordinates.base_names), dtype=bool))
 
 
+def with_bodies(values: FloatArray, whole: Arm, still: float) -> FloatArray:
+    """Return values of an arm's coordinates, shape (..., c), with those of the joints of its bodies as links.
+
+    Args:
+        values: values of the arm's own coordinates.
+        whole: the arm with its bodies as links.
+        still: value of a coordinate that never changes.
+    """
+    own = own_coordinates(whole)
+    found = np.full((*values.shape[:-1], len(own)), still)
+    found[..., own] = values
+    return found
+
+
 def path_without_tool_links(path: JointPath, arm: Arm, whole: Arm) -> JointPath:
     """Return the path of an arm that follows from that of the arm with its tool and bodies as links.
 
