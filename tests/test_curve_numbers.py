@@ -46,3 +46,14 @@ def test_the_nearest_curve_of_a_curves_bends_is_that_curve(seed: int, segments: 
     near = CurveNumbers.near(bend_matrix(3 * knots, knots) @ values, segments)
     np.testing.assert_allclose(near.base_turn, values[0], atol=1e-7)
     np.testing.assert_allclose(near.curvatures, values[1:].T, atol=1e-7)
+
+
+@given(SEEDS, st.integers(4, 9))
+def test_the_nearest_curve_of_links_of_several_lengths_bends_no_more_than_they_do(seed: int, segments: int) -> None:
+    """Where pieces are shorter than links, what bends do not tell of the curvature is not made up."""
+    random = np.random.default_rng(seed)
+    lengths = np.repeat(random.uniform(0.5, 2.0, 3), random.integers(5, 12, 3))
+    shares = lengths / lengths.sum()
+    bends = random.uniform(-0.5, 0.5, (len(shares), 1))
+    near = CurveNumbers.near(bends, segments, tuple(shares.tolist()))
+    assert np.max(np.abs(near.curvatures)) < 100.0 * 0.5 / shares.min()

@@ -11,11 +11,13 @@ import ccm_opt
 from ccm_opt.core.errors import NoPlanFound, ProblemError, UnreachableGoal
 from ccm_opt.problem import JointPose, TipGoal
 from ccm_opt.problem.solution import StaticPose
+from ccm_opt.robot.configuration import SpaceConfiguration
 from ccm_opt.verification.chain_motion import LinkFrames, chain_points
 from tests.arms import limits_at
 
 from .command_runs import CommandLine, brightness
 from .conftest import PROBLEMS
+from .section_scenes import section_clutter
 from .space_clutter import clutter
 from .surface_scenes import slow_gaps
 
@@ -76,6 +78,22 @@ def test_the_best_of_all_beginnings_is_a_sound_pose_with_the_gap_it_says(seed: i
     assert found.pose.cost == min(costs)
     assert found.pose.cost == pytest.approx(sum(found.pose.costs.values()))
     assert sum(segment.length for segment in found.curve.segments) == pytest.approx(found.problem.arm.length)
+
+
+@pytest.mark.drawn(1)
+@pytest.mark.parametrize(("seed", "sections"), [(5, 3), (6, 4)])
+def test_sections_bend_evenly_in_the_best_pose(seed: int, sections: int) -> None:
+    """Its bends are those of the sections, and its curve is that of their true arcs, which ends at the goal."""
+    problem = section_clutter(seed, 20, sections)
+    found = ccm_opt.find_pose(problem)
+    assert isinstance(problem.goal, TipGoal)
+    assert problem.arm.sections is not None
+    assert problem.arm.sections.misfit(found.configuration) < 1e-12
+    assert isinstance(found.curve, SpaceConfiguration)
+    tip = found.curve.sample_frames(np.array([found.curve.length]))[1][0]
+    for place in (tip, chain_points(problem.arm, found.configuration[None])[0, -1]):
+        assert place == pytest.approx(problem.goal.position, abs=1e-6 * problem.arm.length)
+    assert found.pose.gap > 0.0
 
 
 @pytest.mark.drawn(6, of="whole plans")

@@ -82,7 +82,8 @@ def find_pose(
     with on_one_thread(), words_in(problem.length_unit):
         stages = Stages(progress, problem.planner.time_limit)
         _refuse_other_questions(problem)
-        refuse_sections(problem.arm, "goal poses without a motion")
+        if problem.dimension == 2:
+            refuse_sections(problem.arm, "goal poses without a motion in the plane")
         terms = compiled_terms(problem.arm, constraints, costs)
         with stages("necessary checks"):
             refuse_contradictions(problem, terms)

@@ -18,8 +18,10 @@ from ccm_opt.ik.row_program import Bounds, RowBlock, pinned_bounds
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.segment import PIECES, Knots
 
-_RANK = 1e-9
-"""Fraction of the largest singular value below which a combination of curvatures counts as changing no bend."""
+_RANK = 1e-2
+"""Fraction of the largest singular value below which a combination of curvatures counts as changing no bend. Measured:
+those of arms of equal links have 0.1 at least; where links are longer than pieces and of several lengths some have 1e-4
+to 1e-8, and would take curvatures of 1e4 to 1e7 for what the bends have beside a smooth curve."""
 
 
 def bend_matrix(links: int, knots: int, shares: tuple[float, ...] = ()) -> FloatArray:

@@ -13,7 +13,6 @@ from ccm_opt.core.polyline import unit_vector
 from ccm_opt.ik.configuration_task import ConfigurationTask
 from ccm_opt.ik.find_configuration import attempt, attempts
 from ccm_opt.ik.infeasibility import FailedAttempt, beyond_reach, diagnose
-from ccm_opt.planning.curve_map import CurveMap
 from ccm_opt.planning.curve_routes import (
     CURVATURE_SHARE,
     FULL_CURVATURE_SHARE,
@@ -30,6 +29,7 @@ from ccm_opt.planning.motion import SpaceMotion
 from ccm_opt.planning.refinement import nominal_task, refine_space_motion
 from ccm_opt.planning.sampled_check import SampledCheck
 from ccm_opt.planning.sampled_poses import goal_poses
+from ccm_opt.planning.section_map import unknowns_through
 from ccm_opt.planning.settings import DEFAULT_CURVE_PLANNER, CurvePlannerSettings
 from ccm_opt.planning.space_task import SpaceTask
 from ccm_opt.planning.strategies import find_by_ways
@@ -146,7 +146,7 @@ def in_space(task: SpaceTask, search: PoseSearchSettings) -> Iterator[PoseBeginn
         yield PoseBeginning("the end of a motion", missing=failure.diagnosis)
         # Without a motion, sampling may use all the time that is left.
         drawing = task
-    curve, _ = CurveMap.through(drawing.arm, drawing.start)
+    curve, _ = unknowns_through(drawing.arm, drawing.start)
     poses = goal_poses(drawing, drawing.stepper(curve), np.random.default_rng(drawing.seed))
     for number, pose in enumerate(islice(poses, search.drawn), start=1):
         yield PoseBeginning(f"sampled pose {number}", pose.q)
