@@ -11,19 +11,25 @@ from hypothesis import strategies as st
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.ik.bishop_shooting import BishopFrames
-from ccm_opt.ik.goal_poses import driven
+from ccm_opt.ik.goal_poses import carrier_rows, driven
 from ccm_opt.ik.pose_program import PoseSize, pose_program
 from ccm_opt.ik.pose_regions import JointRegions
 from ccm_opt.ik.pose_settings import PoseSettings
 from ccm_opt.ik.pose_solver import PoseQuestion
 from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.base_axes import BaseAxis
 from ccm_opt.robot.couplings import CoupledJoints
 from tests.arc_arms import arc_arm
 from tests.space_arms import FEED_OF_TESTS, planar_twin, turned_arm
 from tests.space_clutter import curve_directions
 
 SEEDS = st.integers(0, 2**32 - 1)
-KINDS = pytest.mark.parametrize("kind", ["plane", "space", "coupled", "arcs"])
+KINDS = pytest.mark.parametrize("kind", ["plane", "space", "axes", "coupled", "arcs"])
+AXES = (
+    BaseAxis(np.array([0.6, 0.0, 0.8]), -1.0, 1.0, revolute=False),
+    BaseAxis(np.array([0.0, 1.0, 0.0]), -1.0, 1.0, revolute=True, point=np.array([0.1, 0.2, 0.3])),
+    BaseAxis(np.array([0.0, 0.0, 1.0]), -1.0, 1.0, revolute=True, point=np.array([0.1, 0.2, 0.0])),
+)
 LINKS = 8
 SEGMENTS = 2
 
@@ -32,6 +38,8 @@ def random_arm(random: np.random.Generator, kind: str, **changes: object) -> Arm
     """An arm that lies anyhow: each joint of its own, two drives for all, or two sections that bend evenly."""
     if kind == "arcs":
         return arc_arm((3, 4), (0.4, 0.3), **changes)
+    if kind == "axes":
+        changes = {"carrier": AXES}
     arm = turned_arm(random, LINKS, **changes)
     if kind == "coupled":
         ratios = np.zeros((2 * LINKS, 2))
@@ -45,9 +53,9 @@ def question(kind: str, seed: int, *, fed: bool = False, loaded: bool = False) -
     random = np.random.default_rng(seed)
     arm = random_arm(random, kind, feed=FEED_OF_TESTS if fed else None)
     q = random.uniform(-0.3, 0.3, len(arm.coordinates))
-    if kind == "space":  # near a curve, which the offsets lead to
+    if kind in {"space", "axes"}:  # near a curve, which the offsets lead to
         curve = curve_directions(arm, 9)
-        q = curve @ random.normal(0.0, 0.3, curve.shape[1])
+        q[: len(arm.bend_limits)] = (curve @ random.normal(0.0, 0.3, curve.shape[1]))[: len(arm.bend_limits)]
     if arm.drives is not None:
         q[: 2 * LINKS] = arm.drives.coupling @ (0.5 * random.uniform(-1.0, 1.0) * arm.drives.drive_limits)
     q = np.clip(q, arm.lower_limits, arm.upper_limits)
@@ -59,7 +67,9 @@ def question(kind: str, seed: int, *, fed: bool = False, loaded: bool = False) -
     gravity = np.full(arm.dimension, 3.0)
     bent_by = len(arm.bend_limits if arm.drives is None else arm.drives.drive_names)
     limits = np.full(bent_by, 5.0) if loaded else None
-    built = pose_program(PoseSize(arm.dimension, LINKS, 2, SEGMENTS, loaded, (), (), (), *driven(arm)))
+    built = pose_program(
+        PoseSize(arm.dimension, LINKS, 2, SEGMENTS, loaded, (), (), (), *driven(arm), carrier_rows(arm))
+    )
     return PoseQuestion(
         program=built,
         settings=PoseSettings(),
@@ -126,8 +136,8 @@ def test_frames_of_the_series_are_those_of_the_curve(seed: int) -> None:
     arm = asked.arm
     frames = asked.program.frames
     assert isinstance(frames, BishopFrames)
-    values = frames.values(arm.bend_pairs(asked.start), None)
-    curve = frames.curve(arm, values, 0.0)
+    values = frames.values(arm.bend_pairs(asked.start), np.zeros(1), None)
+    curve = frames.curve(arm, values, asked.start)
     wanted, _ = curve.sample_frames(np.linspace(0.0, curve.length, LINKS + 1)[:-1])
     w, x, y, z = values["frames"].T
     along = np.stack((w**2 + x**2 - y**2 - z**2, 2 * (x * y + w * z), 2 * (x * z - w * y)), axis=1)
@@ -148,7 +158,8 @@ def test_holding_torques_are_the_slopes_of_the_potential_energy(kind: str, seed:
         centres = 0.5 * (points[1:] + points[:-1])
         return float(-(arm.masses @ (centres @ asked.gravity)) - arm.payload * points[-1] @ asked.gravity)
 
-    steps = 1e-6 * (np.eye(len(arm.bend_limits)) if arm.drives is None else arm.drives.coupling.T)
+    bent = np.eye(len(arm.bend_limits)) if arm.drives is None else arm.drives.coupling.T
+    steps = 1e-6 * np.hstack((bent, np.zeros((len(bent), len(arm.base_axes)))))
     slopes = np.array([(energy(asked.start + step) - energy(asked.start - step)) / 2e-6 for step in steps])
     shares = asked.start_values[asked.program.unknowns.places["torque shares"]]
     assert asked.torque_limits is not None

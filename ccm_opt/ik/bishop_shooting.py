@@ -123,7 +123,7 @@ class BishopFrames(SpaceLinks):
         """Return the NLP constraints that propagate the curve's frame over each link, from one joint to the next."""
         left, up = ca.vertsplit(self.further_symbols["base turn"])
         frames, turns, means = (self.further_symbols[name] for name in ("frames", "turns", "means"))
-        first = turned_by(ca.vertcat(0, -up, left))
+        first = self.from_base(turned_by(ca.vertcat(0, -up, left)))
         left, up = ca.vertsplit(turns[:, :-1])
         mean_left, mean_up = ca.vertsplit(means[:, :-1])
         carried = product(frames[:, :-1], turned_by(ca.vertcat(mean_left * up - mean_up * left, -up, left)))
@@ -150,14 +150,14 @@ class BishopFrames(SpaceLinks):
 
     def joint_axes(self) -> tuple[ca.SX, ...]:
         """Return the rotation axes of every joint, z of the previous link and y of the joint's link, each (3, n)."""
-        return ca.horzcat(ca.SX([0.0, 0.0, 1.0]), axis(self.lies[:, :-1], 2)), axis(self.lies, 1)
-
-    def lies_at(self, bends: FloatArray) -> FloatArray:
-        """Return the quaternions of the links, shape (n, 4), for joint bends of shape (n, 2) [rad]."""
-        return link_quaternions(bends)
+        return axis(self.lies_before, 2), axis(self.lies, 1)
 
     def values(
-        self, bends: FloatArray, direction: FloatArray | None, beside: FloatArray | None = None
+        self,
+        bends: FloatArray,
+        feed: FloatArray,
+        direction: FloatArray | None,
+        beside: FloatArray | None = None,
     ) -> dict[str, FloatArray]:
         """Return the values of the symbols and parameters at a pose, by name.
 
@@ -165,14 +165,16 @@ class BishopFrames(SpaceLinks):
 
         Args:
             bends: bends of the joints, shape (n, 2) [rad].
+            feed: positions of the axes that carry the base, as ``feed``.
             direction: direction of the last link at the goal, shape (3,), or None.
             beside: unit vector perpendicular to the direction and to where up is at the goal, shape (3,), or None.
         """
         # A turn upwards, from x to z, is a turn about −y, so the sign of b is changed.
         curve = CurveNumbers.near(bends * np.array([1.0, -1.0]), self.segments, self.shares)
-        lies = self.lies_at(bends)
+        base = self.base_turn(feed)
+        lies = link_quaternions(bends, base)
         turns, means = self.link_turns(curve)
-        frames = _curve_frames(curve.base_turn, turns, means)
+        frames = _curve_frames(curve.base_turn, turns, means, base)
         return {
             **self.followed.values(curve),
             "base turn": curve.base_turn,
@@ -183,6 +185,7 @@ class BishopFrames(SpaceLinks):
             "strays": _offsets(frames, means, lies),
             "bends": bends,
             "links": lies,
+            "feed": feed,
             **self.tip_values(lies, direction, beside),
         }
 
@@ -194,18 +197,18 @@ class BishopFrames(SpaceLinks):
         integrals = np.stack([each.heading_integral_at(joints) for each in flat], axis=1)
         return np.diff(at_joints, axis=0), np.diff(integrals, axis=0) * np.array(self.per_length) - at_joints[:-1]
 
-    def bounds(self, lies: FloatArray, direction: FloatArray | None, turned: float, rolled: float = 0.0) -> Bounds:
+    def bounds(self, last: FloatArray, direction: FloatArray | None, turned: float, rolled: float = 0.0) -> Bounds:
         """Return the bounds of the curve, the last link's direction and the links' offsets from the curve, by name.
 
         Turns start at 0, and the fraction of the offsets that remains lies in [0, 1].
 
         Args:
-            lies: unused.
+            last: unused.
             direction: direction of the last link at the goal, shape (3,), or None for no bounds on the components.
             turned: tolerance of the last link's direction [rad].
             rolled: tolerance of its roll [rad]; above a right angle, the roll is not held.
         """
-        del lies
+        del last
         turns = np.append(0.0, np.full(self.followed.parts[0].count, np.inf))
         return {
             **self.followed.bounds(),
@@ -214,31 +217,32 @@ class BishopFrames(SpaceLinks):
             **self.tip_bounds(direction, turned, rolled),
         }
 
-    def curve(self, arm: Arm, values: Mapping[str, FloatArray], feed: float) -> SpaceConfiguration:
+    def curve(self, arm: Arm, values: Mapping[str, FloatArray], q: FloatArray) -> SpaceConfiguration:
         """Return the curve that the links follow as a curve in space, in metres and world axes.
 
         Args:
             arm: the arm.
             values: values of the symbols by name.
-            feed: displacement of the base [m].
+            q: configuration with the positions of the axes that carry the base, shape (c,) [rad, m].
         """
-        return curve_in_space(arm, self.followed.numbers(values), feed)
+        return curve_in_space(arm, self.followed.numbers(values), q)
 
 
-def curve_in_space(arm: Arm, numbers: CurveNumbers, feed: float) -> SpaceConfiguration:
+def curve_in_space(arm: Arm, numbers: CurveNumbers, q: FloatArray) -> SpaceConfiguration:
     """Return a curve of length 1 in base axes as a curve in space, in metres and world axes.
 
     Args:
         arm: the arm.
         numbers: the curve.
-        feed: displacement of the base [m].
+        q: configuration with the positions of the axes that carry the base, shape (c,) [rad, m].
     """
     lengths, values, shares = numbers.parts()
     left, up = numbers.base_turn
     rotation, _ = exponential(np.array([0.0, -up, left, 0.0, 0.0, 0.0]))
+    base = arm.carried(q)
     return SpaceConfiguration.chain(
-        arm.base + feed * arm.direction,
-        arm.base_rotation @ rotation,
+        base.place,
+        base.rotation @ rotation,
         [arm.length * length for length in lengths],
         [value / arm.length for value in values],
         shares,
@@ -256,26 +260,32 @@ def mean_direction(means: ca.SX) -> ca.SX:
     return ca.vertcat(ca.cos(angle), ca.repmat(ca.sin(angle) / angle, 2, 1) * means)
 
 
-def link_quaternions(bends: FloatArray) -> FloatArray:
-    """Return the quaternions of n links relative to the straight arm, shape (n, 4), for joint bends (n, 2) [rad]."""
+def link_quaternions(bends: FloatArray, base: FloatArray | None = None) -> FloatArray:
+    """Return the quaternions of n links relative to the straight arm, shape (n, 4).
+
+    Args:
+        bends: bends of the joints, shape (n, 2) [rad].
+        base: quaternion of the base, shape (4,); None if it is not turned.
+    """
     zero = np.zeros(len(bends))
     about_z = quaternions_of(np.column_stack((zero, zero, bends[:, 0])))
     about_y = quaternions_of(np.column_stack((zero, bends[:, 1], zero)))
-    return chained_quaternions(np.stack((about_z, about_y), axis=1).reshape(-1, 4))[1::2]
+    return chained_quaternions(np.stack((about_z, about_y), axis=1).reshape(-1, 4), base)[1::2]
 
 
-def _curve_frames(base_turn: FloatArray, turns: FloatArray, means: FloatArray) -> FloatArray:
+def _curve_frames(base_turn: FloatArray, turns: FloatArray, means: FloatArray, base: FloatArray) -> FloatArray:
     """Return the frames of a curve at the starts of n links as quaternions, shape (n, 4).
 
     Args:
         base_turn: turns of the curve at its base to the left and upwards, shape (2,) [rad].
         turns: turns Ω over every link, shape (n, 2) [rad].
         means: mean turns ψ over every link from the link's start, shape (n, 2) [rad].
+        base: quaternion of the base, shape (4,).
     """
     roll = means[:, 0] * turns[:, 1] - means[:, 1] * turns[:, 0]
     steps = np.column_stack((roll, -turns[:, 1], turns[:, 0]))[:-1]
     first = np.array([[0.0, -base_turn[1], base_turn[0]]])
-    return chained_quaternions(quaternions_of(np.concatenate((first, steps))))
+    return chained_quaternions(quaternions_of(np.concatenate((first, steps))), base)
 
 
 def _offsets(frames: FloatArray, means: FloatArray, lies: FloatArray) -> FloatArray:

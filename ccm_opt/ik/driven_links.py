@@ -126,7 +126,7 @@ class DrivenLinks(SpaceLinks):
 
         Those of an arc are the columns of the left Jacobian of the rotation vector (0, b, a).
         """
-        before = [ca.horzcat(ca.SX(np.eye(3)[k]), axis(self.lies[:, :-1], k)) for k in range(3)]
+        before = [axis(self.lies_before, k) for k in range(3)]
         if not self.arcs:
             return before[2], axis(self.lies, 1)
         a, b = ca.vertsplit(self.bends)
@@ -143,62 +143,68 @@ class DrivenLinks(SpaceLinks):
         )
         return about_a, about_b
 
-    def lies_at(self, bends: FloatArray) -> FloatArray:
-        """Return the quaternions of the links, shape (n, 4), for joint bends of shape (n, 2) [rad]."""
+    def _lies_at(self, bends: FloatArray, base: FloatArray) -> FloatArray:
+        """Return the quaternions of the links, shape (n, 4), for joint bends of shape (n, 2) [rad] on a turned base."""
         if not self.arcs:
-            return link_quaternions(bends)
-        return chained_quaternions(quaternions_of(np.column_stack((np.zeros(len(bends)), bends[:, ::-1]))))
+            return link_quaternions(bends, base)
+        return chained_quaternions(quaternions_of(np.column_stack((np.zeros(len(bends)), bends[:, ::-1]))), base)
 
     def values(
-        self, bends: FloatArray, direction: FloatArray | None, beside: FloatArray | None = None
+        self,
+        bends: FloatArray,
+        feed: FloatArray,
+        direction: FloatArray | None,
+        beside: FloatArray | None = None,
     ) -> dict[str, FloatArray]:
         """Return the values of the symbols and parameters at a pose, by name.
 
         Args:
             bends: bends of the joints, shape (n, 2) [rad].
+            feed: positions of the axes that carry the base, as ``feed``.
             direction: direction of the last link at the goal, shape (3,), or None.
             beside: unit vector perpendicular to the direction and to where up is at the goal, shape (3,), or None.
         """
-        lies = self.lies_at(bends)
+        lies = self._lies_at(bends, self.base_turn(feed))
         drives = np.linalg.pinv(np.array(self.coupling)) @ bends.ravel()
-        found = {"drives": drives, "links": lies, **self.tip_values(lies, direction, beside)}
+        found = {"drives": drives, "links": lies, "feed": feed, **self.tip_values(lies, direction, beside)}
         # The pose may use more of its limits than others.
         moved = np.abs(np.reshape(self.travels, (-1, len(drives))) @ drives)
         return found | ({"travel limits": np.maximum(moved, _TRAVEL_USED)} if self.travels else {})
 
-    def bounds(self, lies: FloatArray, direction: FloatArray | None, turned: float, rolled: float = 0.0) -> Bounds:
+    def bounds(self, last: FloatArray, direction: FloatArray | None, turned: float, rolled: float = 0.0) -> Bounds:
         """Return the bounds of the last link's direction and roll, by name.
 
         Args:
-            lies: unused.
+            last: unused.
             direction: direction of the last link at the goal, shape (3,), or None for no bounds on the components.
             turned: tolerance of the last link's direction [rad].
             rolled: tolerance of its roll [rad]; above a right angle, the roll is not held.
         """
-        del lies
+        del last
         return self.tip_bounds(direction, turned, rolled)
 
     def bends_of(self, values: Mapping[str, FloatArray]) -> FloatArray:
         """Return the bends of all joints, shape (2 n,) [rad], for values of the symbols by name."""
         return np.asarray(np.array(self.coupling) @ values["drives"])
 
-    def curve(self, arm: Arm, values: Mapping[str, FloatArray], feed: float) -> SpaceConfiguration:
+    def curve(self, arm: Arm, values: Mapping[str, FloatArray], q: FloatArray) -> SpaceConfiguration:
         """Return the curve of the arm in metres and world axes: the arcs of sections, else one near the links.
 
         Args:
             arm: the arm.
             values: values of the symbols by name.
-            feed: displacement of the base [m].
+            q: configuration with the positions of the axes that carry the base, shape (c,) [rad, m].
         """
         bends = self.bends_of(values).reshape(-1, 2) * np.array([1.0, -1.0])
         if arm.sections is None:
             segments = max(self.links // PIECES, 1)
-            return curve_in_space(arm, CurveNumbers.near(bends, segments, self.shares), feed)
+            return curve_in_space(arm, CurveNumbers.near(bends, segments, self.shares), q)
         lengths = arm.sections.lengths
         turns = np.stack([bends[arm.sections.section_of_joint == k].sum(axis=0) for k in range(len(lengths))])
+        base = arm.carried(q)
         return SpaceConfiguration.chain(
-            arm.base + feed * arm.direction,
-            arm.base_rotation,
+            base.place,
+            base.rotation,
             lengths.tolist(),
             list(np.repeat((turns / lengths[:, None])[:, None], PIECES + 1, axis=1)),
         )

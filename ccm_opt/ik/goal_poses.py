@@ -195,6 +195,7 @@ class GoalPoses:
             along,
             up,
             *driven(arm),
+            carrier_rows(arm),
         )
         plain = pose_program(size)
         program = plain if self.terms is None else with_user_terms(plain, self.terms)
@@ -329,3 +330,13 @@ def driven(arm: Arm) -> tuple[Rows, Rows, tuple[float, ...]]:
     coupling, travels = drives.coupling, drives.travel_rows @ drives.coupling
     arcs = () if arm.arcs is None else tuple((arm.arcs / arm.length).tolist())
     return tuple(map(tuple, coupling.tolist())), tuple(map(tuple, travels.tolist())), arcs
+
+
+def carrier_rows(arm: Arm) -> Rows:
+    """Return the axes that carry the base of an arm in space, in base axes and arm lengths, as in ``PoseSize``."""
+    if not arm.carrier:
+        return ()
+    rows = arm.axis_rows.copy()
+    rows[:, 1:4] = rows[:, 1:4] @ arm.base_rotation
+    rows[:, 4:] = (rows[:, 4:] - arm.base) @ arm.base_rotation / arm.length
+    return tuple(map(tuple, rows.tolist()))

@@ -28,12 +28,15 @@ class LinkFrames(ABC):
         shares: length of each link as a fraction of the arm's; empty if all are equal.
         along: direction of each link in the frame that its joint turns, d numbers a link; empty if all lie along x.
         up: up axis of the last link in that frame, three numbers; empty if the goal allows any roll.
+        carrier: axes that carry the base, from the ground, in space: 1 where it is revolute and 0 where it is
+            prismatic, its direction and a point on it, seven numbers each; empty for a feed along the first axis.
     """
 
     links: int
     shares: tuple[float, ...] = ()
     along: tuple[float, ...] = ()
     up: tuple[float, ...] = ()
+    carrier: tuple[tuple[float, ...], ...] = ()
     directions: ClassVar[tuple[str, ...]]
     """Names of the k directions in which joints bend; a joint has one bend for each."""
     start_keeps_rows: ClassVar[bool]
@@ -45,6 +48,15 @@ class LinkFrames(ABC):
     def bends(self) -> ca.SX:
         """Bends of every joint, shape (k, n) [rad]."""
         return ca.SX.sym("bend", len(self.directions), self.links)
+
+    @cached_property
+    def feed(self) -> ca.SX:
+        """Positions of the axes that carry the base, shape (k, 1); that of a feed, scalar."""
+        return ca.SX.sym("feed", max(len(self.carrier), 1))
+
+    def base_place(self) -> ca.SX:
+        """Return the position of the first joint, shape (d, 1)."""
+        return ca.vertcat(self.feed, ca.SX.zeros(len(self.directions)))
 
     @property
     @abstractmethod
@@ -105,27 +117,28 @@ class LinkFrames(ABC):
         """Return the rotation axes of every joint, one array per bend, (1, n) in the plane, (3, n) in space."""
 
     @abstractmethod
-    def lies_at(self, bends: FloatArray) -> FloatArray:
-        """Return the orientations of links, shape (n, f), for given joint bends, shape (n, k) [rad]."""
-
-    @abstractmethod
     def values(
-        self, bends: FloatArray, direction: FloatArray | None, beside: FloatArray | None = None
+        self,
+        bends: FloatArray,
+        feed: FloatArray,
+        direction: FloatArray | None,
+        beside: FloatArray | None = None,
     ) -> dict[str, FloatArray]:
         """Return the values of the symbols and parameters at a pose, by name.
 
         Args:
             bends: bends of the joints, shape (n, k) [rad].
+            feed: positions of the axes that carry the base, as ``feed``.
             direction: direction of the last link at the goal, shape (d,), or None.
             beside: unit vector perpendicular to the direction and to where up is at the goal, shape (3,), or None.
         """
 
     @abstractmethod
-    def bounds(self, lies: FloatArray, direction: FloatArray | None, turned: float, rolled: float = 0.0) -> Bounds:
+    def bounds(self, last: FloatArray, direction: FloatArray | None, turned: float, rolled: float = 0.0) -> Bounds:
         """Return the bounds of the symbols but those that bend the joints; they hold the tip's direction at the goal.
 
         Args:
-            lies: orientations of the links of the start pose, shape (n, f).
+            last: orientation of the last link in the start pose, shape (f,).
             direction: direction of the last link at the goal, shape (d,), or None.
             turned: tolerance of the last link's direction [rad].
             rolled: tolerance of its roll [rad].
@@ -136,13 +149,13 @@ class LinkFrames(ABC):
         return values["bends"]
 
     @abstractmethod
-    def curve(self, arm: Arm, values: Mapping[str, FloatArray], feed: float) -> Curve:
+    def curve(self, arm: Arm, values: Mapping[str, FloatArray], q: FloatArray) -> Curve:
         """Return the curve that the links follow, in metres and world axes.
 
         Args:
             arm: the arm.
             values: values of the symbols by name.
-            feed: displacement of the base [m].
+            q: configuration with the positions of the axes that carry the base, shape (c,) [rad, m].
         """
 
 
@@ -205,29 +218,30 @@ class PlanarFrames(LinkFrames):
         """Return ones, shape (1, n), since every joint turns about the normal of the plane."""
         return (ca.SX.ones(1, self.links),)
 
-    def lies_at(self, bends: FloatArray) -> FloatArray:
-        """Return the headings of the links, the cumulative sums of the joint bends, both of shape (n, 1) [rad]."""
-        return np.cumsum(bends, axis=0)
-
     def values(
-        self, bends: FloatArray, direction: FloatArray | None, beside: FloatArray | None = None
+        self,
+        bends: FloatArray,
+        feed: FloatArray,
+        direction: FloatArray | None,
+        beside: FloatArray | None = None,
     ) -> dict[str, FloatArray]:
         """Return the values at a pose of the symbols, those of the nearest curve, by name.
 
         Args:
             bends: bends of the joints, shape (n, 1) [rad].
+            feed: position of the base on its feed axis, shape (1,).
             direction: unused.
             beside: unused.
         """
         del direction, beside
         nearest = CurveNumbers.near(bends, self.segments, self.shares)
-        return self.followed.values(nearest) | {"bends": bends, "links": self.lies_at(bends)}
+        return self.followed.values(nearest) | {"bends": bends, "links": np.cumsum(bends, axis=0), "feed": feed}
 
-    def bounds(self, lies: FloatArray, direction: FloatArray | None, turned: float, rolled: float = 0.0) -> Bounds:
+    def bounds(self, last: FloatArray, direction: FloatArray | None, turned: float, rolled: float = 0.0) -> Bounds:
         """Return the curve's bounds and those on the link headings that point the last link in the goal direction.
 
         Args:
-            lies: headings of the links of the start pose, whose number of whole turns is kept, shape (n, 1) [rad].
+            last: heading of the last link in the start pose, whose number of whole turns is kept, shape (1,) [rad].
             direction: direction of the last link at the goal, shape (2,), or None for no bounds.
             turned: tolerance of the heading [rad].
             rolled: without effect in the plane.
@@ -239,22 +253,22 @@ class PlanarFrames(LinkFrames):
         heading = float(np.arctan2(direction[1], direction[0]))
         if self.last_along is not None:
             heading -= float(np.arctan2(self.last_along[1], self.last_along[0]))
-        heading += 2.0 * np.pi * np.round((float(lies[-1, 0]) - heading) / (2.0 * np.pi))
+        heading += 2.0 * np.pi * np.round((float(last[0]) - heading) / (2.0 * np.pi))
         free = np.full(self.links - 1, np.inf)
         return {**curve, "links": (np.append(-free, heading - turned), np.append(free, heading + turned))}
 
-    def curve(self, arm: Arm, values: Mapping[str, FloatArray], feed: float) -> Configuration:
+    def curve(self, arm: Arm, values: Mapping[str, FloatArray], q: FloatArray) -> Configuration:
         """Return the curve that the links follow as a planar curve, in metres and world axes.
 
         Args:
             arm: the arm.
             values: values of the symbols by name.
-            feed: displacement of the base [m].
+            q: configuration with the position of the base on its feed axis, shape (c,) [rad, m].
         """
         numbers = self.followed.numbers(values)
         lengths, curvatures, shares = numbers.parts()
         return Configuration.chain(
-            arm.base + feed * arm.direction,
+            arm.base + arm.coordinates.advance(q) * arm.direction,
             arm.base_heading + float(numbers.base_turn[0]),
             [arm.length * length for length in lengths],
             [value[:, 0] / arm.length for value in curvatures],

@@ -7,6 +7,7 @@ Every cost is dimensionless: relative to the preferred clearance, to a limit, or
 ``PoseSettings`` times the problem's ``[planner.weights]``.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
@@ -16,6 +17,7 @@ from ccm_opt.ik.bishop_shooting import BishopFrames
 from ccm_opt.ik.driven_links import DrivenLinks
 from ccm_opt.ik.link_frames import LinkFrames, PlanarFrames
 from ccm_opt.ik.row_program import RowBlock, RowProgram, Symbols, equal_to_zero, not_negative
+from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 
 
 @dataclass(frozen=True)
@@ -35,6 +37,7 @@ class PoseSize:
         coupling: derivatives of the bends by the drives that move several together, joint by joint, a row for each of
             the 2 ``links`` bends; empty if every bend has its own.
         travels: fraction of its travel that each limited tendon takes for a unit of each drive, a row a tendon.
+        carrier: axes that carry the base, as in ``LinkFrames``; empty for a feed.
         arcs: half of the length of the arc about each joint, and 0 for the tip, as a fraction of the arm's length;
             empty if joints are no arcs.
     """
@@ -50,10 +53,11 @@ class PoseSize:
     coupling: tuple[tuple[float, ...], ...] = ()
     travels: tuple[tuple[float, ...], ...] = ()
     arcs: tuple[float, ...] = ()
+    carrier: tuple[tuple[float, ...], ...] = ()
 
     def frames(self) -> LinkFrames:
         """Return the symbols of the links, and of what bends them."""
-        links = (self.links, self.shares, self.along, self.up)
+        links = (self.links, self.shares, self.along, self.up, self.carrier)
         if self.coupling:
             return DrivenLinks(*links, coupling=self.coupling, travels=self.travels, arcs=self.arcs)
         return (PlanarFrames if self.dimension == 2 else BishopFrames)(*links, segments=self.segments)
@@ -185,13 +189,12 @@ class PoseProgram(RowProgram):
     magnitude: float = 1.0
 
 
-def place_rows(frames: LinkFrames, points: ca.SX, feed: ca.SX) -> tuple[RowBlock, RowBlock]:
-    """Return the constraints of forward kinematics: P_0 at the feed position, P_(j+1) = P_j + l_j x_j for every link.
+def place_rows(frames: LinkFrames, points: ca.SX) -> tuple[RowBlock, RowBlock]:
+    """Return the constraints of forward kinematics: P_0 where the base is, P_(j+1) = P_j + l_j x_j for every link.
 
     Args:
         frames: symbols of the n links, with their directions x_j.
         points: positions P of the joints and the tip, shape (d, n + 1).
-        feed: displacement of the base along the first axis, scalar.
 
     Returns:
         The constraints on the base, and those on the links.
@@ -202,7 +205,7 @@ def place_rows(frames: LinkFrames, points: ca.SX, feed: ca.SX) -> tuple[RowBlock
     of_links = tuple(f"link {link + 1}: gap in {name} of its end" for link in range(n) for name in "xyz"[:d])
     gaps = points[:, 1:] - points[:, :-1] - frames.steps()
     return (
-        equal_to_zero(at_base, points[:, 0] - ca.vertcat(feed, ca.SX.zeros(d - 1))),
+        equal_to_zero(at_base, points[:, 0] - frames.base_place()),
         equal_to_zero(of_links, ca.vec(gaps)),
     )
 
@@ -254,6 +257,7 @@ def _parameters(size: PoseSize, frames: LinkFrames) -> dict[str, ca.SX]:
     found = {
         "wanted gap": ca.SX.sym("wanted_gap"),
         "near": near,
+        **({"near feed": ca.SX.sym("near_feed", len(size.carrier))} if size.carrier else {}),
         "first shares": ca.SX.sym("first_share", size.links),
         "goal": ca.SX.sym("goal", d),
         "goal room": ca.SX.sym("goal_room"),
@@ -271,18 +275,29 @@ def _parameters(size: PoseSize, frames: LinkFrames) -> dict[str, ca.SX]:
     return found
 
 
+def _distance(size: PoseSize, frames: LinkFrames, given: Mapping[str, ca.SX]) -> ca.SX:
+    """Return the squared difference of all bends from those of a reference pose, and of the axes that carry the base.
+
+    A prismatic axis counts in nominal links. A feed does not count.
+    """
+    squares = ca.sumsqr(frames.bends - given["near"])
+    if size.carrier:
+        units = ca.DM([1.0 if row[0] else NOMINAL_LINKS for row in size.carrier])
+        squares += ca.sumsqr(units * (frames.feed - given["near feed"]))
+    return squares
+
+
 # A problem has few sizes, and each program keeps a built solver of some megabytes alive.
 @lru_cache(maxsize=4)
 def pose_program(size: PoseSize) -> PoseProgram:
     """Return the goal-pose NLP of a size, with its symbols, constraints and objective; nothing is solved."""
     frames = size.frames()
     points = ca.SX.sym("point", size.dimension, size.links + 1)
-    feed = ca.SX.sym("feed")
     gap = ca.SX.sym("gap")
     given = _parameters(size, frames)
     rows = [
         *frames.rows(),
-        *place_rows(frames, points, feed),
+        *place_rows(frames, points),
         region_rows(points, gap, Symbols(given)),
         goal_row(points[:, size.links], given["goal"], given["goal room"]),
     ]
@@ -291,10 +306,10 @@ def pose_program(size: PoseSize) -> PoseProgram:
         # The fraction of the preferred clearance that the tightest link lacks.
         "room": 1 - gap / given["wanted gap"],
         "bending": costs.pop("bending"),
-        "distance": ca.sumsqr(frames.bends - given["near"]),
+        "distance": _distance(size, frames, given),
         **costs,
     }
-    unknowns = {**frames.symbols, "points": points, "feed": feed}
+    unknowns = {**frames.symbols, "points": points, "feed": frames.feed}
     loads = None
     if size.loaded:
         forces = (given["link weights"], given["payload"], given["torque limits"])

@@ -167,15 +167,20 @@ class PoseQuestion:
         return q[: len(arm.bend_limits)].reshape(arm.links, arm.bends_a_joint)
 
     @cached_property
-    def _lies(self) -> FloatArray:
-        """Orientations of the links in the start pose, headings (n, 1) [rad] or quaternions (n, 4), in base axes."""
-        return self.program.frames.lies_at(self._bends(self.start))
-
-    @cached_property
     def _frame_values(self) -> dict[str, FloatArray]:
         """Values at the start pose of the symbols and parameters of the links and what bends them, by name."""
         beside = None if self.roll is None else self.roll.beside @ self._axes
-        return self.program.frames.values(self._bends(self.start), self._goal[1], beside)
+        return self.program.frames.values(self._bends(self.start), self._base(self.start), self._goal[1], beside)
+
+    def _base(self, q: FloatArray) -> FloatArray:
+        """Return the positions of the axes that carry the base, with lengths in arm lengths; 0 on a fixed base."""
+        return (q[self.arm.coordinates.base] if self.arm.base_axes else np.zeros(1)) / self._base_units
+
+    @cached_property
+    def _base_units(self) -> FloatArray:
+        """Unit of the position of each axis that carries the base [m, rad]."""
+        axes = self.arm.base_axes
+        return np.array([1.0 if axis.unit == "rad" else self.arm.length for axis in axes]) if axes else np.ones(1)
 
     @cached_property
     def parameters(self) -> FloatArray:
@@ -185,6 +190,7 @@ class PoseQuestion:
             "weights": self.weights,
             "wanted gap": np.array([self.wanted_gap / length]),
             "near": self._bends(self.near),
+            **({"near feed": self._base(self.near)} if self.program.size.carrier else {}),
             "first shares": self.arm.free_shares,
             "goal": self._goal[0],
             # A tip that its bounds fix at the goal lies in any ball about it.
@@ -245,12 +251,14 @@ class PoseQuestion:
         position, direction = self._goal
         free = np.full((self.arm.links, len(position)), np.inf)
         reach = self.room[0] / length
-        low, high = self.feed_range
+        low, high = self.base_range
         by_name = {
-            **frames.bounds(self._lies, direction, self.room[1], 0.0 if self.roll is None else self.roll.room),
+            **frames.bounds(
+                self._frame_values["links"][-1], direction, self.room[1], 0.0 if self.roll is None else self.roll.room
+            ),
             frames.bent_by: self.bend_bounds(_LIMIT_SHARE),
             "points": (np.vstack((-free, position - reach)), np.vstack((free, position + reach))),
-            "feed": (np.array([low / length]), np.array([high / length])),
+            "feed": (low / self._base_units, high / self._base_units),
             "gap": (np.array([self._least_gap / length]), np.array([self.wanted_gap / length])),
         }
         lower, upper = ({name: pair[side] for name, pair in by_name.items()} for side in (0, 1))
@@ -282,13 +290,12 @@ class PoseQuestion:
         numbers = {
             **self._frame_values,
             "points": (points - arm.base) @ self._axes / arm.length,
-            "feed": np.array([arm.coordinates.advance(self.start) / arm.length]),
             "gap": np.array([gap / arm.length]),
         }
         loads = self.program.loads
         if loads is not None:
             unknowns = self.program.unknowns
-            names = ("links", "points", self.program.frames.bent_by)
+            names = ("links", "points", "feed", self.program.frames.bent_by)
             known = [*(unknowns[name] for name in names), loads.weights, loads.payload, loads.limits]
             given = [each.T for each in (*(numbers[name] for name in names), *self._forces.values())]
             values = ca.Function("loads", known, list(loads.values()))(*given)
@@ -301,11 +308,12 @@ class PoseQuestion:
         frames = self.program.frames
         variables = np.asarray(answer["x"], dtype=np.float64).ravel()
         values = {name: variables[place] for name, place in self.program.unknowns.places.items()}
-        feed = float(values["feed"][0]) * arm.length
+        q = arm.configuration(frames.bends_of(values), values["feed"] * self._base_units)
+        q = np.clip(q, arm.lower_limits, arm.upper_limits)
         return ArmPose(
             arm=arm,
-            q=np.clip(arm.configuration(frames.bends_of(values), feed), arm.lower_limits, arm.upper_limits),
-            curve=frames.curve(arm, values, feed),
+            q=q,
+            curve=frames.curve(arm, values, q),
             gap=float(values["gap"][0]) * arm.length,
             answer=row_answer(
                 self.program,
@@ -351,8 +359,13 @@ class PoseQuestion:
     @cached_property
     def held(self) -> BoolArray:
         """Mask of the bends, or of the drives, that the guide tube holds at the start pose."""
-        feed = float(self.arm.coordinates.advance(self.start))
-        return np.asarray(feed + self._bent_by.places < self.arm.hole - HELD_TOLERANCE)
+        return np.asarray(self._out < -HELD_TOLERANCE)
+
+    @property
+    def _out(self) -> FloatArray:
+        """How far what has to be out of the guide tube for each bend or drive is out at the start pose, (m,) [m]."""
+        fed = 0.0 if self.arm.feed is None else float(self.arm.coordinates.advance(self.start))
+        return np.asarray(fed + self._bent_by.places - self.arm.hole)
 
     def bend_bounds(self, share: float) -> tuple[FloatArray, FloatArray]:
         """Return the lower and upper bounds of all bends, or of the drives, each of shape (bends,) [rad].
@@ -365,8 +378,7 @@ class PoseQuestion:
         """
         arm = self.arm
         own = self._bent_by
-        out = float(arm.coordinates.advance(self.start)) + own.places - arm.hole
-        limits = share * own.limits * bend_shares(arm, out)
+        limits = share * own.limits * bend_shares(arm, self._out)
         # The start may use more of its limits than that.
         limits = np.maximum(limits, np.minimum(np.abs(own.values), own.limits))
         limits[self.held] = 0.0
@@ -376,9 +388,16 @@ class PoseQuestion:
         return lower, upper
 
     @property
-    def feed_range(self) -> tuple[float, float]:
-        """Lower and upper bound on the base position with which the joints that may bend stay outside the tube [m]."""
-        low, high = self.arm.base_range
-        if not self.arm.base_axes or np.all(self.held):
-            return low, high
-        return min(max(low, self.arm.hole - float(np.min(self._bent_by.places[~self.held]))), high), high
+    def base_range(self) -> tuple[FloatArray, FloatArray]:
+        """Lower and upper bounds on the positions of the axes that carry the base, shape (k,) each [m, rad].
+
+        The joints that may bend stay outside a guide tube.
+        """
+        arm = self.arm
+        if not arm.base_axes:
+            return np.zeros(1), np.zeros(1)
+        low, high = (ends[arm.coordinates.base] for ends in (arm.lower_limits, arm.upper_limits))
+        if arm.feed is not None and not np.all(self.held):
+            first = float(np.min(self._bent_by.places[~self.held]))
+            low = np.minimum(np.maximum(low, arm.hole - first), high)
+        return low, high

@@ -59,14 +59,18 @@ def axis(quaternions: ca.SX, number: int) -> ca.SX:
     return ca.vertcat(2 * (x * z + w * y), 2 * (y * z - w * x), w**2 - x**2 - y**2 + z**2)
 
 
-def chained_quaternions(turns: FloatArray) -> FloatArray:
+def chained_quaternions(turns: FloatArray, base: FloatArray | None = None) -> FloatArray:
     """Return the cumulative products of numerical quaternions, from the first to each, both of shape (n, 4).
 
     The products are not normalised to a sign (q and −q are the same rotation), so they change continuously with the
     arguments.
+
+    Args:
+        turns: the quaternions.
+        base: quaternion before the first, shape (4,); None for none.
     """
     chained = np.empty_like(turns)
-    latest = np.array([1.0, 0.0, 0.0, 0.0])
+    latest = np.array([1.0, 0.0, 0.0, 0.0]) if base is None else base
     for step, turn in enumerate(turns):
         latest = np.array(_quaternion_product(latest, turn))
         chained[step] = latest
@@ -85,6 +89,37 @@ class SpaceLinks(LinkFrames):
 
     directions = ("left", "up")
     start_keeps_rows = True
+
+    @cached_property
+    def _base(self) -> tuple[ca.SX, ca.SX]:
+        """Position of the first joint, shape (3, 1), and the quaternion of the base, (4, 1), on the axes that carry it.
+
+        The axis nearest to the base moves it first.
+        """
+        place, turned = ca.SX.zeros(3), ca.SX([1.0, 0.0, 0.0, 0.0])
+        for number, (revolute, *axis_row) in reversed(list(enumerate(self.carrier))):
+            along, point = ca.DM(axis_row[:3]), ca.DM(axis_row[3:])
+            if not revolute:
+                place += along * self.feed[number]
+                continue
+            turn = ca.vertcat(ca.cos(self.feed[number] / 2), ca.sin(self.feed[number] / 2) * along)
+            off = place - point
+            place = point + sum((axis(turn, k) * off[k] for k in range(3)), ca.SX(0))
+            turned = product(turn, turned)
+        return place, turned
+
+    def base_place(self) -> ca.SX:
+        """Return the position of the first joint, shape (3, 1)."""
+        return self._base[0] if self.carrier else super().base_place()
+
+    def from_base(self, turn: ca.SX) -> ca.SX:
+        """Return the quaternion, shape (4, 1), of a turn relative to the base."""
+        return product(self._base[1], turn) if self.carrier else turn
+
+    def base_turn(self, feed: FloatArray) -> FloatArray:
+        """Return the quaternion of the base, shape (4,), at positions of the axes that carry it, shape (k,)."""
+        turns = [value * np.array(row[1:4]) for value, row in zip(feed, self.carrier, strict=False) if row[0]]
+        return np.asarray(chained_quaternions(quaternions_of(np.array(turns)))[-1] if turns else np.eye(4)[0])
 
     @cached_property
     def lies(self) -> ca.SX:
@@ -115,7 +150,12 @@ class SpaceLinks(LinkFrames):
         turns = self.joint_turns()
         turned = product(self.lies[:, :-1], turns[:, 1:])
         names = tuple(f"link {link + 1}: gap in {part} of its turn" for link in range(self.links) for part in "wxyz")
-        return equal_to_zero(names, ca.vec(self.lies - ca.horzcat(turns[:, 0], turned)))
+        return equal_to_zero(names, ca.vec(self.lies - ca.horzcat(self.from_base(turns[:, 0]), turned)))
+
+    @property
+    def lies_before(self) -> ca.SX:
+        """Quaternions of the links before the joints, of the base first, shape (4, n)."""
+        return ca.horzcat(self.from_base(ca.SX([1.0, 0.0, 0.0, 0.0])), self.lies[:, :-1])
 
     @abstractmethod
     def joint_turns(self) -> ca.SX:

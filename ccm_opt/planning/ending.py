@@ -270,9 +270,8 @@ def ended_by_nlp(problem: Problem, task: SpaceTask, motion: SpaceMotion) -> Endi
         task: search task of the problem.
         motion: motion to the goal.
     """
-    # The program's base is one that no axes but a feed axis carry, and it takes long for the many short links of bodies
-    # beside the arm.
-    untried = task.arm.carrier or not np.all(task.arm.arc_shares)
+    # The program takes long for the many short links of bodies beside the arm.
+    untried = not np.all(task.arm.arc_shares)
     if task.goal_pose is not None or untried or task.deadline.passed():
         return Ending(task, motion)
     ending = _ended_in_better_pose(problem, task.deadline_within(_ENDING_SHARE * task.deadline.left), motion)
