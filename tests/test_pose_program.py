@@ -84,6 +84,7 @@ def question(kind: str, seed: int, *, fed: bool = False, loaded: bool = False) -
         gravity=gravity,
         torque_limits=limits,
         roll=None,
+        base_weights=np.ones(len(AXES)) if kind == "axes" else None,
     )
 
 

@@ -19,6 +19,7 @@ from ccm_opt.ik.row_program import RowBlock
 from ccm_opt.ik.tip_roll import TipRoll
 from ccm_opt.problem import Problem, TipGoal
 from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 from ccm_opt.scene.distances.enclosures import segment_distances
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
@@ -216,7 +217,24 @@ class GoalPoses:
             clamped=self.clamped,
             room=self.room,
             torque_limits=loads,
+            base_weights=self.base_weights,
         ).solve()
+
+    @property
+    def base_weights(self) -> FloatArray | None:
+        """Weight of the deviation of each axis that carries the base from the pose ``near``, shape (k,).
+
+        Deviations are in arm lengths or rad. An axis weighs as much as a joint that takes as long, and at least as a
+        joint for a turn, or as one for each nominal link's length. None for a feed axis, or a fixed base.
+        """
+        arm = self.problem.arm
+        if not arm.carrier:
+            return None
+        limits = self.problem.limits.of_coordinates(arm.coordinates).velocity
+        joints, axes = limits[arm.coordinates.bends], limits[arm.coordinates.base]
+        turns = np.array([axis.revolute for axis in arm.carrier])
+        times = np.where(turns, 1.0, arm.length) * np.divide(float(np.median(joints)), axes)
+        return np.asarray(np.maximum(np.nan_to_num(times, posinf=1.0), np.where(turns, 1.0, NOMINAL_LINKS)))
 
     @property
     def _loads(self) -> FloatArray | None:

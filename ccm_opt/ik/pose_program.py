@@ -17,7 +17,6 @@ from ccm_opt.ik.bishop_shooting import BishopFrames
 from ccm_opt.ik.driven_links import DrivenLinks
 from ccm_opt.ik.link_frames import LinkFrames, PlanarFrames
 from ccm_opt.ik.row_program import RowBlock, RowProgram, Symbols, equal_to_zero, not_negative
-from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 
 
 @dataclass(frozen=True)
@@ -257,7 +256,6 @@ def _parameters(size: PoseSize, frames: LinkFrames) -> dict[str, ca.SX]:
     found = {
         "wanted gap": ca.SX.sym("wanted_gap"),
         "near": near,
-        **({"near feed": ca.SX.sym("near_feed", len(size.carrier))} if size.carrier else {}),
         "first shares": ca.SX.sym("first_share", size.links),
         "goal": ca.SX.sym("goal", d),
         "goal room": ca.SX.sym("goal_room"),
@@ -266,6 +264,8 @@ def _parameters(size: PoseSize, frames: LinkFrames) -> dict[str, ca.SX]:
         "gap shares": ca.SX.sym("gap_share", size.sides, size.links + 1),
         **frames.parameters,
     }
+    if size.carrier:
+        found |= {name: ca.SX.sym(name.replace(" ", "_"), len(size.carrier)) for name in ("near feed", "feed weights")}
     if size.loaded:
         found |= {
             "link weights": ca.SX.sym("link_weight", d, size.links),
@@ -278,12 +278,11 @@ def _parameters(size: PoseSize, frames: LinkFrames) -> dict[str, ca.SX]:
 def _distance(size: PoseSize, frames: LinkFrames, given: Mapping[str, ca.SX]) -> ca.SX:
     """Return the squared difference of all bends from those of a reference pose, and of the axes that carry the base.
 
-    A prismatic axis counts in nominal links. A feed does not count.
+    A feed does not count.
     """
     squares = ca.sumsqr(frames.bends - given["near"])
     if size.carrier:
-        units = ca.DM([1.0 if row[0] else NOMINAL_LINKS for row in size.carrier])
-        squares += ca.sumsqr(units * (frames.feed - given["near feed"]))
+        squares += ca.sumsqr(given["feed weights"] * (frames.feed - given["near feed"]))
     return squares
 
 

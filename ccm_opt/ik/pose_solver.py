@@ -111,6 +111,8 @@ class PoseQuestion:
             equally good.
         torque_limits: torque limit of each bend, shape (bends,), or of each drive that moves several, shape (m,) [N m];
             None if torque is not limited.
+        base_weights: weight of the deviation of each axis that carries the base from that of ``near``, as in
+            ``GoalPoses.base_weights``; None for a feed axis, or a fixed base.
     """
 
     program: PoseProgram
@@ -128,6 +130,7 @@ class PoseQuestion:
     clamped: bool = False
     room: tuple[float, float] = (0.0, 0.0)
     torque_limits: FloatArray | None = None
+    base_weights: FloatArray | None = None
 
     def solve(self) -> ArmPose:
         """Solve the NLP from the start pose and return the result, whether or not the solver converged.
@@ -186,11 +189,14 @@ class PoseQuestion:
     def parameters(self) -> FloatArray:
         """Values of the program's parameters in one column, shape (parameters,)."""
         length = self.arm.length
+        kept_base = {}
+        if self.base_weights is not None:
+            kept_base = {"near feed": self._base(self.near), "feed weights": self.base_weights}
         numbers = {
             "weights": self.weights,
             "wanted gap": np.array([self.wanted_gap / length]),
             "near": self._bends(self.near),
-            **({"near feed": self._base(self.near)} if self.program.size.carrier else {}),
+            **kept_base,
             "first shares": self.arm.free_shares,
             "goal": self._goal[0],
             # A tip that its bounds fix at the goal lies in any ball about it.

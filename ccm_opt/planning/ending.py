@@ -274,6 +274,9 @@ def ended_by_nlp(problem: Problem, task: SpaceTask, motion: SpaceMotion) -> Endi
     untried = not np.all(task.arm.arc_shares)
     if task.goal_pose is not None or untried or task.deadline.passed():
         return Ending(task, motion)
+    if task.arm.carrier:
+        # Where the base ends is left to the search, far from where it takes least time to get to.
+        motion = optimise(motion, task, rounds=task.settings.optimisation.free_rounds)
     ending = _ended_in_better_pose(problem, task.deadline_within(_ENDING_SHARE * task.deadline.left), motion)
     return replace(ending, task=replace(ending.task, deadline=task.deadline))
 
