@@ -1,7 +1,7 @@
 // Where no graphics card renders the page, draws what moves with fewer pixels, and sharply again once it rests.
 (() => {
-  const SHARE = 0.7; // of the pixels along each side, while something moves
-  const REST = 300; // time without a frame after which the next one is sharp [ms]
+  const SHARE = 0.55; // of the pixels along each side, while something moves
+  const REST = 700; // time without a frame after which the next one is sharp, below the second between frames at rest [ms]
   const native = HTMLCanvasElement.prototype.getContext;
   const probe = native.call(document.createElement("canvas"), "webgl2");
   const names = probe?.getExtension("WEBGL_debug_renderer_info");
