@@ -76,6 +76,8 @@ _ADAPTING_SHARE_IN_SPACE = 0.6
 """Fraction of the time left in space that adapting a known motion may use: the rest is for a search. Heuristic."""
 _SHORTENING_SHARE = 0.4
 """Fraction of the time left in space that optimising an adapted motion may use: the rest is for the smooth path."""
+_SHORTENING_LEFT = 0.55
+"""Fraction of the time limit that has to be left for it: an answer that took long is not delayed further. Heuristic."""
 _SHORTENING_GAIN = 0.05
 """Least gain of such an optimisation, as a fraction of the cost of the motion, that counts as notable. Heuristic."""
 _SHORTENING_ROUNDS = 4
@@ -221,7 +223,7 @@ class MotionPlanner:
             problem: the problem, without a path for the tip; one in the plane is planned as one in space.
             known: motions for slightly different problems, of which the nearest is adapted; a new motion is searched
                 for if there is none or it cannot be adapted.
-            shortened: whether an adapted motion is optimised as far as time permits.
+            shortened: whether an adapted motion is optimised as far as time permits, if most of it is left.
 
         Raises:
             ProblemError: the start violates a limit.
@@ -240,7 +242,8 @@ class MotionPlanner:
         nearest = nearest_known(known, problem)
         adapted = None if nearest is None else self._adapted(problem, task, nearest)
         if adapted is not None:
-            return self._shortened(problem, task, adapted) if shortened else adapted
+            enough = task.deadline.left > _SHORTENING_LEFT * problem.planner.time_limit
+            return self._shortened(problem, task, adapted) if shortened and enough else adapted
         try:
             found = _Planned((any_motion(task),)) if self.first_found else self._refined(problem, task)
             planned = found or self._planned(problem, task)

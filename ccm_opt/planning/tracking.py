@@ -126,8 +126,9 @@ def follow_reference(
         if poses is None:
             # Try again from the same pose: a smaller step of u moves the rows less, so that the arm may keep up.
             advance *= 0.5
-            if advance < _LEAST_ADVANCE or deadline.passed():
-                raise Stalled(describe_violation(stepper.at(u), tracked.poses[-1], u), tracked.poses)
+        if advance < _LEAST_ADVANCE or deadline.passed():
+            raise Stalled(describe_violation(stepper.at(u), tracked.poses[-1], u), tracked.poses)
+        if poses is None:
             continue
         tracked.append(poses, u)
         advance = min(settings.largest_advance, _GROWTH * advance)
