@@ -96,6 +96,21 @@ def test_sections_bend_evenly_in_the_best_pose(seed: int, sections: int) -> None
     assert found.pose.gap > 0.0
 
 
+@pytest.mark.drawn(3, of="whole plans")
+def test_a_gantry_stands_where_its_arm_bends_least(tmp_path: Path, run: CommandLine) -> None:
+    """Its axes are variables within their ranges, and the record says where they are."""
+    run("pose", PROBLEMS / "space" / "wing-box-gantry.toml", "--out", tmp_path, "--no-pictures")
+    record = json.loads((tmp_path / "wing-box-gantry" / "pose.json").read_text(encoding="utf-8"))
+    problem = ccm_opt.load_problem(PROBLEMS / "space" / "wing-box-gantry.toml")
+    arm = problem.arm
+    q = np.concatenate((np.deg2rad(record["joints_deg"]).ravel(), record["feed"]))
+    assert len(record["feed"]) == len(arm.carrier)
+    assert np.all((q >= arm.lower_limits - 1e-9) & (q <= arm.upper_limits + 1e-9))
+    assert isinstance(problem.goal, TipGoal)
+    assert chain_points(arm, q[None])[0, -1] == pytest.approx(problem.goal.position, abs=1e-6 * arm.length)
+    assert record["gap"] > 0.9 * problem.wanted_gap
+
+
 @pytest.mark.drawn(6, of="whole plans")
 def test_a_goal_behind_holes_is_found_on_a_feed_axis_and_written(tmp_path: Path, run: CommandLine) -> None:
     """In the wing box, where a sampled pose is hardly ever free, the pose, its record, arrays and picture are there."""

@@ -118,9 +118,10 @@ def _print_pose(found: StaticPose, clock: StageClock, folder: Path) -> None:
 def _add_base_and_roll(table: Table, found: StaticPose) -> None:
     """Add table rows for the feed of the base and the roll of the last link."""
     units = result_units(found.problem)
-    for axis in found.problem.arm.base_axes:
-        bounds = f"{units.given(axis.low, 'm')} to {units.given(axis.high, 'm')}"
-        table.add_row("feed", units.length(found.feed), bounds, "")
+    arm = found.problem.arm
+    for name, axis, place in zip(arm.coordinates.base_names, arm.base_axes, np.atleast_1d(found.feed), strict=False):
+        bounds = f"{units.given(axis.low, axis.unit)} to {units.given(axis.high, axis.unit)}"
+        table.add_row(name, units.shown(float(place), axis.unit), bounds, "")
     rolled = found.goal_errors.roll_error
     if rolled is None:
         table.add_row("roll of the tip", units.shown(found.goal_errors.roll, "rad"), "", "determined by the bends")

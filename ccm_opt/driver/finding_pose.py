@@ -121,11 +121,9 @@ def _refuse_other_questions(problem: Problem) -> None:
         raise ProblemError("the search for a pose does not support goal.look_at; give goal.position instead")
     if problem.coverage is not None:
         raise ProblemError("the search for a pose does not support goal.see; give goal.position instead")
-    if problem.arm.carrier:
-        raise ProblemError("finding a pose is not supported for an arm on arm.base.axes; use a fixed base or arm.feed")
     if problem.arm.base_axes and problem.dimension == 2:
         raise ProblemError(
-            "in the plane, goal poses are found for a fixed base only, not on a feed axis; leave arm.feed out"
+            "in the plane, goal poses are found for a fixed base only; leave arm.feed and arm.base.axes out"
         )
 
 

@@ -222,14 +222,17 @@ class GoalPoses:
 
     @property
     def base_weights(self) -> FloatArray | None:
-        """Weight of the deviation of each axis that carries the base from the pose ``near``, shape (k,).
+        """Weight of the deviation of each axis that carries the base from the pose to be improved, shape (k,).
 
-        Deviations are in arm lengths or rad. An axis weighs as much as a joint that takes as long, and at least as a
-        joint for a turn, or as one for each nominal link's length. None for a feed axis, or a fixed base.
+        It is 0 if deviations from another pose, ``near``, are penalised, from which the base may be far.
+        Deviations are in arm lengths or rad. An axis weighs as much as a joint that takes as long, and at least
+        as a joint for a turn, or as one for each nominal link's length. None for a feed axis, or a fixed base.
         """
         arm = self.problem.arm
         if not arm.carrier:
             return None
+        if self.near is not None:
+            return np.zeros(len(arm.carrier))
         limits = self.problem.limits.of_coordinates(arm.coordinates).velocity
         joints, axes = limits[arm.coordinates.bends], limits[arm.coordinates.base]
         turns = np.array([axis.revolute for axis in arm.carrier])

@@ -62,7 +62,11 @@ def pose_json(found: StaticPose) -> str:
         "timings": dict(found.timings),
     }
     if found.problem.dimension == 3:
-        entries = {"feed": found.feed, "goal": asdict(found.goal_errors), "curve": curve_record(found.curve)}
+        entries = {
+            "feed": np.asarray(found.feed).tolist(),
+            "goal": asdict(found.goal_errors),
+            "curve": curve_record(found.curve),
+        }
         return strict_text(record | entries | {"meshes": mesh_data(found.problem)})
     binding = [asdict(side) for side in found.binding]
     return strict_text(record | {"curve": curve_record(found.curve), "binding": binding})

@@ -285,9 +285,9 @@ class StaticPose:
         return JointPose.from_configuration(self.configuration, self.problem.arm.coordinates).bends
 
     @property
-    def feed(self) -> float:
-        """Position of the base on its feed axis [m]; 0 without one."""
-        return float(self.problem.arm.coordinates.advance(self.configuration))
+    def feed(self) -> FloatArray | float:
+        """Position of the base on its feed axis [m], or of the k axes that carry it, shape (k,) [m, rad]; 0 without."""
+        return JointPose.from_configuration(self.configuration, self.problem.arm.coordinates).feed
 
     @property
     def joint_positions(self) -> FloatArray:
