@@ -228,7 +228,11 @@ class TourPlanner:
             if faster:
                 continue
             duration = float(sum(between[leg] for leg in legs))
-            if deadline.passed() or not self._improved(legs, between, before, deadline):
+            if deadline.passed():
+                break
+            if not self._improved(legs, between, before, deadline) and not self._explored(
+                solver, nodes, between, duration, deadline
+            ):
                 break
         number_of = {self.motions.rests[node].number: k for k, node in enumerate(nodes)}
         as_given = tuple(number_of[number] for number in sorted(number_of) if number >= 0)
@@ -302,8 +306,50 @@ class TourPlanner:
         least = self.motions.bounds
         lost = {pair: float(between[pair] - least[pair]) for pair in pairs}
         worth = _WORTH * float(sum(between[leg] for leg in legs))
-        for pair in sorted(pairs, key=lambda pair: -lost[pair]):
-            late = deadline.left < (1.0 - _PLANNING_SHARE) * self.problem.planner.time_limit
-            if pair not in self.motions.planned and lost[pair] > worth and not late:
-                gained.append(self.motions.plan(*pair, deadline))
-        return any(gained)
+        slow = [pair for pair in sorted(pairs, key=lambda pair: -lost[pair]) if lost[pair] > worth]
+        return self._planned(slow, deadline)
+
+    def _explored(
+        self, solver: OrderSolver, nodes: Sequence[int], between: FloatArray, duration: float, deadline: Deadline
+    ) -> bool:
+        """Plan for motions between few goals that a faster order may have, and return whether any gained.
+
+        The best order is determined as if motions that were not planned for took as long as their lower bounds, and
+        those in it are planned for, until no such order is faster.
+
+        Args:
+            solver: solver of the order.
+            nodes: the nodes that are visited, in the solver's order of places.
+            between: durations of the fastest ways between all nodes, shape (nodes, nodes) [s].
+            duration: duration of the best order so far [s].
+            deadline: time at which all planning has to end.
+        """
+        if len(nodes) > _FEW + 1:
+            return False
+        end = self.problem.planner.end
+        least = self.motions.bounds
+        open_pairs = between - least > _WORTH * duration / len(nodes)
+        while not self._late(deadline):
+            for pair in self.motions.planned:
+                open_pairs[pair] = open_pairs[pair[::-1]] = False
+            costs = np.where(open_pairs, least, between)
+            found = solver.solve(costs[np.ix_(nodes, nodes)], deadline)
+            legs = [(nodes[one], nodes[other]) for one, other in tour_legs(found.places, end)]
+            new = [(min(leg), max(leg)) for leg in legs if open_pairs[leg]]
+            if not new or sum(costs[leg] for leg in legs) > (1.0 - _WORTH) * duration:
+                return False
+            if self._planned(new, deadline):
+                return True
+        return False
+
+    def _planned(self, pairs: Sequence[tuple[int, int]], deadline: Deadline) -> bool:
+        """Plan by themselves for motions between pairs of nodes that were not, and return whether any gained time."""
+        gained = False
+        for pair in pairs:
+            if pair not in self.motions.planned and not self._late(deadline):
+                gained = self.motions.plan(*pair, deadline) or gained
+        return gained
+
+    def _late(self, deadline: Deadline) -> bool:
+        """Return whether the time is over until which motions are planned for by themselves."""
+        return deadline.left < (1.0 - _PLANNING_SHARE) * self.problem.planner.time_limit
