@@ -178,7 +178,7 @@ def test_modules_are_loaded_whole_before_ctrl_c_is_met(tmp_path: Path) -> None:
     script = LOADING.format(folder=str(tmp_path))
     ended = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False, timeout=60)
     assert ended.returncode == 130
-    assert ended.stdout.split()[-1] == "True"
+    assert ended.stdout.endswith("True\n")  # it may come between what is printed and the end of that line
     assert ended.stderr == "error: cancelled\n"
 
 
