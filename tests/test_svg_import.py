@@ -197,6 +197,13 @@ def test_everything_left_out_has_a_reason(tmp_path: Path, body: str, what: str, 
     assert reason in reasons(scene)[what]
 
 
+@pytest.mark.parametrize(("width", "told"), [("4m", True), ("4 apples", True), ("4cm", False), ("100%", False)])
+def test_a_width_in_no_unit_of_svg_is_told(tmp_path: Path, width: str, told: bool) -> None:
+    """It looks like a scale, and is none."""
+    scene = imported(tmp_path, BOX, f'width="{width}" viewBox="0 0 9 9"')
+    assert (f'width="{width}"' in reasons(scene)) == told
+
+
 @pytest.mark.parametrize(("thickness", "told"), [(0.0, True), (5.9, True), (6.1, False)])
 def test_strokes_wider_than_walls_are_reported(tmp_path: Path, thickness: float, told: bool) -> None:
     """The width that the transform gives the widest line counts; closed shapes and unseen strokes do not."""

@@ -173,6 +173,8 @@ _PIXELS: Mapping[str, float] = {
     "q": 96.0 / 101.6,
 }
 """User units per unit of length, by the unit's name in lower case (CSS Values, section 6.2)."""
+_RELATIVE = ("%", "em", "ex", "ch", "rem", "vw", "vh", "vmin", "vmax")
+"""Units whose length depends on what surrounds the picture."""
 _PIXEL = 0.0254 / 96.0
 """Length of a user unit of a picture without viewBox [m] (CSS Values, section 6.2)."""
 
@@ -240,6 +242,13 @@ def physical_length(text: str) -> float | None:
     if match is None or unit in {"", "px"} or unit not in _PIXELS:
         return None
     return float(match[1]) * _PIXELS[unit] * _PIXEL
+
+
+def unknown_unit(text: str) -> bool:
+    """Return whether an attribute that gives a length is not empty and has no unit of SVG, as in "4m"."""
+    match = _LENGTH.fullmatch(text.strip())
+    unit = match[2].lower() if match else text.strip().lower()
+    return unit not in {*_PIXELS, *_RELATIVE, "auto"}
 
 
 def parse_transform(text: str) -> FloatArray:

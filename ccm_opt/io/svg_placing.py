@@ -22,6 +22,7 @@ from ccm_opt.io.svg_document import (
     parse_transform,
     physical_length,
     style_sheet,
+    unknown_unit,
 )
 from ccm_opt.io.xml_document import FOREIGN
 from ccm_opt.problem import LeftOut
@@ -124,6 +125,11 @@ class Picture:
         self.refusals: list[str] = []
         self.view = _view_box(root)
         self.metres = _metres_per_unit(root, self.view)
+        self.left_out += [
+            LeftOut(f'{key}="{root.attrib[key][:40]}"', "SVG has no such unit, so it says nothing of the scale")
+            for key in ("width", "height")
+            if unknown_unit(root.attrib.get(key, ""))
+        ]
         self._sheet: StyleSheet = style_sheet(root)
         # Of several with the same id the first counts.
         self._by_id = {node.get("id", ""): node for node in reversed(list(root.iter()))}
