@@ -358,8 +358,7 @@ class PoseQuestion:
         if arm.drives is None:
             places = np.repeat(arm.bending_places, arm.bends_a_joint)
             return _BentBy(self.start[: len(arm.bend_limits)], arm.bend_limits, places)
-        moves = np.any(arm.drives.coupling.reshape(arm.links, arm.bends_a_joint, -1) != 0.0, axis=1)
-        places = np.min(np.where(moves, arm.bending_places[:, None], np.inf), axis=0)
+        places = arm.drives.least_moved(arm.bending_places)
         return _BentBy(self._frame_values["drives"], arm.drives.drive_limits, places)
 
     @cached_property

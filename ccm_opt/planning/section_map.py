@@ -77,8 +77,7 @@ class SectionMap(CurveMap):
     @cached_property
     def bending_places(self) -> FloatArray:
         """Arc length that has to be out of the guide tube for each drive to move, shape (m,) [m]."""
-        moves = np.any(self._columns.reshape(self.arm.links, -1, self._columns.shape[1]), axis=1)
-        return np.asarray(np.min(np.where(moves, self.arm.bending_places[:, None], np.inf), axis=0))
+        return self.coupled.least_moved(self.arm.bending_places)[self.coupled.drive_order]
 
     def _shares(self, feeds: FloatArray) -> FloatArray:
         """Return the fraction by which its unknown moves each drive at feeds (n, 1) [m], shape (n, m)."""

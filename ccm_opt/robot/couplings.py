@@ -65,6 +65,11 @@ class DriveCoupling(ABC):
         """
         return np.asarray(bends @ np.linalg.pinv(self.coupling).T)
 
+    def least_moved(self, values: FloatArray) -> FloatArray:
+        """Return for each drive, shape (m,), the least value of the joints that it moves, of values (links,)."""
+        moves = np.any(self.coupling.reshape(len(values), -1, len(self.drive_names)), axis=1)
+        return np.asarray(np.min(np.where(moves, values[:, None], np.inf), axis=0))
+
     def misfit(self, bends: FloatArray) -> float:
         """Return by how much bends of the joints, (..., k links), differ from the nearest of the drives, at most."""
         return float(np.max(np.abs(bends - self.drives(bends) @ self.coupling.T)))
