@@ -5,14 +5,10 @@ import re
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-from ccm_opt.core.errors import ProblemError
-from ccm_opt.core.executors import DaskWorkers, completed
-from tests.comparison_tasks import double
 from tests.test_comparison_executors import address_in, dask_process
 
 ROOT = Path(__file__).parent.parent
@@ -43,16 +39,20 @@ def test_the_script_of_the_page_runs(tmp_path: Path) -> None:
     assert len((tmp_path / "runs" / "on-a-cluster" / "journal.jsonl").read_text().splitlines()) == 2
 
 
+DOUBLES = """
+import sys
+from ccm_opt.core.executors import DaskWorkers, completed
+from tests.comparison_tasks import double
+print(sorted(completed(DaskWorkers(sys.argv[1], timeout=60.0), double, [1, 2])))
+"""
+"""A client of a cluster, which is a process of its own: Dask reads the variables of its certificates when loaded."""
+
+
 @pytest.mark.drawn(1, of="cluster")
-@pytest.mark.filterwarnings("ignore")
 @pytest.mark.skipif(shutil.which("openssl") is None, reason="makes its certificates with openssl")
-def test_with_certificates_the_cluster_works_and_without_nobody_is_let_in(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_with_certificates_the_cluster_works_and_without_nobody_is_let_in(tmp_path: Path) -> None:
     """The options and variables that the page names make a cluster that asks for certificates."""
     pytest.importorskip("distributed")
-    import dask
-
     own_authority(tmp_path)
     tls = ["--tls-ca-file", "ca.pem", "--tls-cert", "one.pem", "--tls-key", "one-key.pem"]
     scheduler = dask_process(tmp_path, "scheduler", "--protocol", "tls", "--host", "127.0.0.1", "--port", "0", *tls)
@@ -61,16 +61,15 @@ def test_with_certificates_the_cluster_works_and_without_nobody_is_let_in(
         address = address_in(tmp_path / "scheduler.json")
         assert address.startswith("tls://")
         worker = dask_process(tmp_path, "worker", "--nthreads", "1", "--no-nanny", *tls)
-        with pytest.raises(ProblemError, match="no Dask scheduler answers"):
-            list(completed(DaskWorkers(address, timeout=3.0), double, [1]))
-        monkeypatch.setenv("DASK_DISTRIBUTED__COMM__TLS__CA_FILE", str(tmp_path / "ca.pem"))
-        monkeypatch.setenv("DASK_DISTRIBUTED__COMM__TLS__CLIENT__CERT", str(tmp_path / "one.pem"))
-        monkeypatch.setenv("DASK_DISTRIBUTED__COMM__TLS__CLIENT__KEY", str(tmp_path / "one-key.pem"))
-        monkeypatch.setenv("DASK_DISTRIBUTED__COMM__REQUIRE_ENCRYPTION", "true")
-        # Dask reads the variables when it is loaded.
-        with dask.config.set(dict(named(dask.config.collect_env()))):
-            found = dict(completed(DaskWorkers(address, timeout=60.0), double, [1, 2]))
-        assert found == {1: 2, 2: 4}
+        assert "ProblemError: no Dask scheduler answers" in client(tmp_path, address).stderr
+        held = {
+            "DASK_DISTRIBUTED__COMM__TLS__CA_FILE": "ca.pem",
+            "DASK_DISTRIBUTED__COMM__TLS__CLIENT__CERT": "one.pem",
+            "DASK_DISTRIBUTED__COMM__TLS__CLIENT__KEY": "one-key.pem",
+            "DASK_DISTRIBUTED__COMM__REQUIRE_ENCRYPTION": "true",
+        }
+        done = client(tmp_path, address, **held)
+        assert done.stdout == "[(1, 2), (2, 4)]\n", done.stderr
     finally:
         for process in (scheduler, worker):
             if process is not None:
@@ -78,14 +77,16 @@ def test_with_certificates_the_cluster_works_and_without_nobody_is_let_in(
                 process.wait()
 
 
-def named(settings: dict[str, object], before: str = "") -> Iterator[tuple[str, object]]:
-    """Settings of Dask by their full names."""
-    for key, value in settings.items():
-        name = f"{before}.{key}" if before else key
-        if isinstance(value, dict):
-            yield from named(value, name)
-        else:
-            yield name, value
+def client(folder: Path, address: str, **variables: str) -> "subprocess.CompletedProcess[str]":
+    """A client that doubles two numbers on a cluster."""
+    return subprocess.run(
+        [sys.executable, "-W", "ignore", "-c", DOUBLES, address],
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": str(ROOT), **variables},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
 
 
 def own_authority(folder: Path) -> None:

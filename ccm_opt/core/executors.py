@@ -88,17 +88,18 @@ class DaskWorkers:
             ProblemError: no scheduler answers, or the machine is too busy for the client's thread to start.
         """
         limit = self.timeout
-        connect = partial(distributed.Client, self.address, timeout=limit, set_as_default=False)
-        for _ in range(2):
-            # Dask raises a bare AssertionError if its own thread does not start within ten seconds.
-            with suppress(AssertionError):
-                try:
-                    # Dask's own timeout covers only the connection; Dask then waits forever for the first message.
-                    return in_background(connect).result(limit)
-                except (OSError, ValueError, TypeError, TimeoutError) as error:  # TypeError: no certificates are set up
-                    reason = str(error) or f"no answer within {limit:g} s"
-                    raise ProblemError(f"no Dask scheduler answers at {self.address}: {reason}") from error
-        raise ProblemError("this machine is too busy to start a Dask client")
+        # The destructor of a client that did not connect waits for that client's thread and takes a lock of all
+        # clients, in whichever thread collects garbage: the thread of the next client may never answer.
+        client = type("Client", (distributed.Client,), {"__del__": lambda _: None})
+        connect = partial(client, self.address, timeout=limit, set_as_default=False)
+        try:
+            # Dask's own timeout covers only the connection; Dask then waits forever for the first message.
+            return in_background(connect).result(limit)
+        except AssertionError as error:  # bare, if the client's thread does not start within ten seconds
+            raise ProblemError("this machine is too busy to start a Dask client") from error
+        except (OSError, ValueError, TypeError, TimeoutError) as error:  # TypeError: no certificates are set up
+            reason = str(error) or f"no answer within {limit:g} s"
+            raise ProblemError(f"no Dask scheduler answers at {self.address}: {reason}") from error
 
     def _make_executor(self, client: Any) -> tuple[Executor, int]:
         try:
