@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -10,7 +10,7 @@ import numpy as np
 from scipy.interpolate import BSpline, make_interp_spline
 
 from ccm_opt.core.arguments import expect, expect_that, expect_vector, is_number
-from ccm_opt.core.arrays import TINY, FloatArray
+from ccm_opt.core.arrays import TINY, FloatArray, IntArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.errors import ProblemError
 from ccm_opt.core.length_words import short_length, words_in
@@ -278,11 +278,16 @@ class Servo:
         wanted = "would be " if abs(value) > abs(limit) else ""
         return f"{cut.kind} of {cut.name}: {wanted}{value:.4g} of {limit:.4g} {unit}"
 
+    @cached_property
+    def _own(self) -> tuple[IntArray, FloatArray]:
+        """Indices of the arm's own coordinates among those of planning, and their units there, each (c,) [m, rad]."""
+        lengths = np.array(self.problem.arm.coordinates.units) == "m"
+        return np.flatnonzero(own_coordinates(self._arm)), np.where(lengths, self._metres, 1.0)
+
     def _in_metres(self, values: FloatArray) -> FloatArray:
         """Return the coordinates (m, c) of the arm itself, with lengths in metres, from those of planning."""
-        own = values[:, own_coordinates(self._arm)]
-        own[:, np.array(self.problem.arm.coordinates.units) == "m"] *= self._metres
-        return own
+        own, units = self._own
+        return np.asarray(values[:, own] * units)
 
     def _places(self, values: FloatArray) -> FloatArray:
         """Return configurations (m, c) of the arm itself in metres, within its limits in spite of rounding."""

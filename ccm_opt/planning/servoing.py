@@ -154,7 +154,7 @@ class TipServo:
         refusal: Cut | None = None
         for share in _SHARES if rests is not None else ():
             trial = self._braking(pose.v, braked + share * (rests - braked))
-            refused = self._refusal(state, trial)
+            refused = self._refusal(state, pose, trial)
             if refused is None:
                 return state.taking(trial), (*cuts, *([refusal] if refusal else []))
             refusal = refusal or refused
@@ -338,7 +338,7 @@ class TipServo:
         return Cut(kind, layout.names[index], value, limit, unit)
 
     # ------------------------------------------------------------ what is certified
-    def _refusal(self, state: ServoState, trial: Braking) -> Cut | None:
+    def _refusal(self, state: ServoState, pose: Pose, trial: Braking) -> Cut | None:
         """Return why a tick and the braking after it cannot be taken; None if both are certified."""
         controls = replace(state, braking=trial).to_rest()
         return (
@@ -346,7 +346,7 @@ class TipServo:
             or self._out_of_range(trial.controls)
             or self._bent_in_tube(controls)
             or self._efforts_exceeded(controls)
-            or self._uncertified(controls)
+            or self._uncertified(controls, pose)
         )
 
     def _rates_exceeded(self, controls: FloatArray) -> Cut | None:
@@ -396,13 +396,13 @@ class TipServo:
         states = [spline_values(controls, self.period, share) for share in (0.0, 0.5)]
         return self.efforts(*(np.vstack(each) for each in zip(*states, strict=True)))
 
-    def _uncertified(self, controls: FloatArray) -> Cut | None:
-        """Return what is nearest to the arm where a spline with control points (m, c) is not certified."""
+    def _uncertified(self, controls: FloatArray, pose: Pose) -> Cut | None:
+        """Return what is nearest to the arm at a pose if a spline with control points (m, c) is not certified."""
         chords = self.chords(controls)
         if not any(len(limit.failures(chords, self.depth)) for limit in reversed(self.limits)):
             return None
         contact = next(limit for limit in self.limits if isinstance(limit, ContactLimit))
-        found = contact.finder.tightest(contact.finder.find(self.curve.arm.joint_positions_at(chords[-1])))
+        found = contact.finder.tightest(contact.finder.find(pose.points))
         name = f"{found[0]} and {found[1]}" if found else ""
         return Cut("certificate", name, found[2] if found else np.inf, 0.0, "m")
 

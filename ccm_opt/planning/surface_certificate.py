@@ -17,7 +17,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
+from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.core.native import NativeCall
 from ccm_opt.planning.settings import SpaceCertificateSettings
 from ccm_opt.robot.arm import Arm
@@ -64,13 +64,8 @@ class SpaceCertificate:
         return np.full(len(self.arm.coordinates), np.nan), np.zeros((5, self.arm.links))
 
     @cached_property
-    def _single(self) -> tuple[FloatArray, BoolArray, NativeCall]:
-        """Ends of the interval of ``safe``, shape (2, c), whether it is proved, shape (1,), and the call for it."""
-        ends, proved = np.empty((2, len(self.arm.coordinates))), np.empty(1, dtype=bool)
-        return ends, proved, self._proof(ends, proved)
-
-    def _proof(self, keyframes: FloatArray, proved: BoolArray) -> NativeCall:
-        """Return the call of the C function that proves the intervals of a motion (K, c), one by one, as (K − 1,)."""
+    def _proof(self) -> NativeCall:
+        """Call of the C function that proves the intervals of a motion, one by one."""
         arm = self.arm
         return NativeCall(
             "prove_intervals",
@@ -81,7 +76,6 @@ class SpaceCertificate:
             wall=self.kept, pair=self.pair_gap, slack=self.settings.slack,
             surfaces=None if self.tree.search is None else self.tree.search.for_c,
             end=self._known[0], told=self._known[1],
-            intervals=len(proved), keyframes=keyframes, safe=proved,
         )  # fmt: skip
 
     def safe(self, before: FloatArray, after: FloatArray, depth: int | None = None) -> bool:
@@ -92,11 +86,7 @@ class SpaceCertificate:
             after: configuration at the end of the motion, shape (c,) [rad, m].
             depth: allowed number of halvings; that of the settings if None.
         """
-        ends, proved, proof = self._single
-        ends[:] = before, after
-        proof.fields.depth = self._halvings(depth)
-        proof()
-        return bool(proved[0])
+        return not len(self.failures(np.stack((before, after)), depth))
 
     def failures(self, keyframes: FloatArray, depth: int | None = None) -> IntArray:
         """Return the indices of the intervals of a motion, keyframes (K, c), that are not proved to be collision-free.
@@ -104,10 +94,7 @@ class SpaceCertificate:
         ``depth`` is the allowed number of halvings; that of the settings if None.
         """
         proved = np.empty(max(len(keyframes) - 1, 0), dtype=bool)
-        proof = self._proof(keyframes, proved)
-        proof.fields.depth = self._halvings(depth)
-        proof()
+        halvings = min(max(self.settings.depth if depth is None else depth, 0), _DEEPEST)
+        self._proof.set(depth=halvings, intervals=len(proved), keyframes=keyframes, safe=proved)
+        self._proof()
         return np.flatnonzero(~proved)
-
-    def _halvings(self, depth: int | None) -> int:
-        return min(max(self.settings.depth if depth is None else depth, 0), _DEEPEST)

@@ -306,7 +306,7 @@ class Arm(LinkLayout):
             proportions=own,
         )
 
-    @property
+    @cached_property
     def coordinates(self) -> Coordinates:
         """Layout of the arm's configurations, with name, unit and drive of each of their c coordinates."""
         names = tuple(f"axis_{number}" for number in range(1, len(self.carrier) + 1)) or tuple(

@@ -101,14 +101,23 @@ class ContactFinder(ABC):
         self.names = names
         self.margin = margin
         self.reach = reach
+        self._latest: tuple[FloatArray, Contacts] | None = None
 
-    @abstractmethod
     def find(self, points: FloatArray) -> Contacts:
         """Return the contacts in a pose with a gap below the search distance ``reach``.
 
         Args:
             points: joint and tip positions, shape (links + 1, d) [m].
         """
+        # By identity, not by value: a step and its check ask about the same array twice. Callers must not change arrays
+        # of points in place.
+        if self._latest is None or self._latest[0] is not points:
+            self._latest = (points, self._found(points))
+        return self._latest[1]
+
+    @abstractmethod
+    def _found(self, points: FloatArray) -> Contacts:
+        """Return what ``find`` does, for points about which it was not asked last."""
 
     def crosses(self, points: FloatArray) -> bool:
         """Return whether a link crosses an obstacle, or a link far along the arm, although no gap shows this.
@@ -181,24 +190,17 @@ class WallFinder(ContactFinder):
             runs=np.zeros(4 * (arm.links // _RUN + 1)),
             points=self._points,
         )  # fmt: skip
-        self._latest: tuple[FloatArray, Contacts] | None = None
         self._grow_capacity(64)
 
-    def find(self, points: FloatArray) -> Contacts:
+    def _found(self, points: FloatArray) -> Contacts:
         """Return the contacts in a pose with a gap below ``reach``; points have shape (links + 1, 2) [m]."""
-        # By identity, not by value: a step and its check ask about the same array twice. Callers must not change arrays
-        # of points in place.
-        if self._latest is not None and self._latest[0] is points:
-            return self._latest[1]
         self._points[:] = points
         self._call()
         m = self._call.fields.count
         if m > self._call.fields.capacity:
             self._grow_capacity(2 * m)
             self._call()
-        contacts = Contacts(*(getattr(self._room, each.name)[:m].copy() for each in fields(Contacts)))
-        self._latest = (points, contacts)
-        return contacts
+        return Contacts(*(getattr(self._room, each.name)[:m].copy() for each in fields(Contacts)))
 
     def crosses(self, points: FloatArray) -> bool:
         """Return whether any link crosses an edge of a wall or another link; points have shape (links + 1, 2) [m]."""
@@ -238,7 +240,7 @@ class SurfaceFinder(ContactFinder):
         self._pairs = NativeCall("near_links", links=arm.links, next_pair=arm.next_self_pairs)
         self._grow_capacity(256)
 
-    def find(self, points: FloatArray) -> Contacts:
+    def _found(self, points: FloatArray) -> Contacts:
         """Return the contacts in a pose with a gap below ``reach``; points have shape (links + 1, 3) [m].
 
         Each contact with a surface comes from a half-space that contains the link and is free of surfaces.
