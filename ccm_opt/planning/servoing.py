@@ -151,14 +151,17 @@ class TipServo:
         # Where the present velocity leads if the arm is braked from now on, as slowly as from its greatest velocities.
         braked = self._until_rest * (1.0 - 1.0 / self.braking_ticks) * (state.unknowns[1] - state.unknowns[0])
         rests, cuts = self._program(state, pose, command, braked)
-        refusal: Cut | None = None
+        refusals: list[Cut] = []
         for share in _SHARES if rests is not None else ():
+            # What is not certified is so with a change that is a little smaller only as a rule: it would cost time.
+            if share > _SHARES[-1] and any(refusal.kind == "certificate" for refusal in refusals):
+                continue
             trial = self._braking(pose.v, braked + share * (rests - braked))
             refused = self._refusal(state, pose, trial)
             if refused is None:
-                return state.taking(trial), (*cuts, *([refusal] if refusal else []))
-            refusal = refusal or refused
-        return state.continued(), (*cuts, *([refusal] if refusal else []))
+                return state.taking(trial), (*cuts, *refusals[:1])
+            refusals.append(refused)
+        return state.continued(), (*cuts, *refusals[:1])
 
     def _braking(self, v: FloatArray, change: FloatArray) -> Braking:
         """Return the continuation to rest that changes the unknowns by a given amount in all, (p,)."""
@@ -399,7 +402,9 @@ class TipServo:
     def _uncertified(self, controls: FloatArray, pose: Pose) -> Cut | None:
         """Return what is nearest to the arm at a pose if a spline with control points (m, c) is not certified."""
         chords = self.chords(controls)
-        if not any(len(limit.failures(chords, self.depth)) for limit in reversed(self.limits)):
+        # What is refused mostly is so where the arm would rest: that is looked at first.
+        parts = (chords[-2:], chords)
+        if not any(len(limit.failures(part, self.depth)) for part in parts for limit in reversed(self.limits)):
             return None
         contact = next(limit for limit in self.limits if isinstance(limit, ContactLimit))
         found = contact.finder.tightest(contact.finder.find(pose.points))
