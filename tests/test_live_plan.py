@@ -1,5 +1,6 @@
 """Plans that follow their problem: every answer passes the verifier, or says why there is none and keeps the last."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.errors import NoPlanFound, ProblemError, UnreachableGoal
 from ccm_opt.driver import live_plan
 from ccm_opt.driver.live_plan import LivePlan
+from ccm_opt.io.reading import parse_problem
 from ccm_opt.planning import resuming
 from ccm_opt.planning.continuation import Stalled, settle
 from ccm_opt.planning.goal import GoalPose
@@ -21,10 +23,14 @@ from ccm_opt.planning.planner import MotionPlanner
 from ccm_opt.planning.pose import Pose
 from ccm_opt.planning.resuming import known_motion
 from ccm_opt.planning.step import SpaceStepper
-from ccm_opt.problem import JointPose, TipGoal
+from ccm_opt.problem import JointPose, Stop, TipGoal
+from ccm_opt.scene.tool_links import points_with_tool
 
+from .benchmarks.bench_random_arms import toml
 from .conftest import PROBLEMS
 from .solved_problems import solved, solved_in_space
+from .test_plane_in_space import FED as FED_WITH_TOOL
+from .test_tools import FILE as FILE_WITH_TOOL
 
 
 @pytest.fixture(scope="module")
@@ -175,6 +181,49 @@ def test_a_plan_that_was_loaded_is_planned_on(name: str, tmp_path: Path) -> None
     assert (whole.trajectory.duration < live.plan.trajectory.duration) == ("space" in name)
     with pytest.raises(ProblemError, match=r"expected a ccm_opt\.Solution"):
         LivePlan.from_plan(solution.problem)  # type: ignore[arg-type]
+
+
+LAYOUTS: dict[str, Callable[[], ccm_opt.Problem]] = {
+    "even sections": lambda: ccm_opt.load_problem(PROBLEMS / "space" / "tendon-arm.toml"),
+    "axes and a feed axis": lambda: ccm_opt.load_problem(PROBLEMS / "space" / "wing-box-gantry.toml"),
+    "axes and several goals": lambda: ccm_opt.load_problem(PROBLEMS / "space" / "tank-camera.toml"),
+    "feed axis in the plane": lambda: ccm_opt.load_problem(PROBLEMS / "feed-penetration.toml"),
+    "tool in the plane": lambda: parse_problem(FILE_WITH_TOOL, "tool.toml"),
+    "tool on a feed axis in the plane": lambda: parse_problem(toml(FED_WITH_TOOL), "fed.toml"),
+}
+
+
+@pytest.mark.drawn(2)
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_a_goal_of_any_layout_is_dragged_along_the_route(layout: str) -> None:
+    """The motion is adapted, not searched for, and the plan passes the verifier for the goal as it is now."""
+    problem = LAYOUTS[layout]()
+    live = LivePlan(problem)
+    goal = problem.goal
+    assert isinstance(goal, TipGoal)
+    moved = goal.position - 0.002 * problem.arm.length * np.eye(problem.dimension)[0]
+    answer = live.move_goal(moved)
+    assert (answer.current, answer.same_route) == (True, True), answer.reason
+    assert is_certified(live)
+    end = points_with_tool(problem.arm, live.plan.trajectory.positions[-1])[-1]
+    assert np.linalg.norm(end - moved) <= problem.tolerances.position
+
+
+@pytest.mark.drawn(1)
+def test_a_tour_is_dragged_in_the_order_that_was_found() -> None:
+    """A plan for goals in free order is planned on in its own order, and each of its goals can be moved."""
+    problem = solved_in_space("swan-neck-in-space").problem
+    assert isinstance(problem.goal, TipGoal)
+    first = Stop(TipGoal(problem.goal.position - 0.004), problem.tolerances)
+    free = replace(problem, stops=(first,), planner=replace(problem.planner, order="free"))
+    with pytest.raises(ProblemError, match="it has goals in free order"):
+        LivePlan(free)
+    live = LivePlan.from_plan(ccm_opt.solve(free))
+    for number in (1, 2):
+        place = live.problem.goals[number - 1].goal.tip(problem.arm) + 0.001
+        answer = live.move_goal(place, number=number)
+        assert (answer.current, answer.same_route) == (True, True), answer.reason
+        assert is_certified(live)
 
 
 @pytest.mark.drawn(1)

@@ -262,7 +262,7 @@ def test_describe_tells_sections_with_the_figures_of_the_file(
 
 
 def test_what_needs_independent_joints_is_refused() -> None:
-    """Maps of the reach, constraints of the user, live plans and robot models name the sections."""
+    """Maps of the reach, constraints of the user and robot models name the sections."""
     problem = read()
     floor = ccm_opt.Constraint("above", lambda q: q.tip[2], lower=-1.0)
     for call in (
@@ -272,4 +272,3 @@ def test_what_needs_independent_joints_is_refused() -> None:
     ):
         with pytest.raises(ccm_opt.ProblemError, match="sections"):
             call()
-    assert not ccm_opt.LivePlan.suits(problem)

@@ -1,6 +1,5 @@
 """Tools: rigid bodies on the last link, as links of an arm, in plans, problem files and folders."""
 
-import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -343,19 +342,11 @@ def test_a_tool_survives_being_written_and_read(tmp_path: Path) -> None:
     assert [list(body) for body in table["bodies"]] == [["capsule"], ["capsule"]]
 
 
-@pytest.mark.parametrize("call", [ccm_opt.find_pose, ccm_opt.reach_map, ccm_opt.LivePlan])
+@pytest.mark.parametrize("call", [ccm_opt.find_pose, ccm_opt.reach_map])
 def test_functions_that_do_not_carry_tools_refuse_them(call: Any, tmp_path: Path) -> None:
     """No function plans for the arm without its tool."""
     with pytest.raises(ProblemError, match=r"does not support a tool; leave arm\.tool out"):
         call(_problem(FILE, tmp_path))
-
-
-def test_the_viewer_drags_nothing_of_arms_with_tools(tmp_path: Path) -> None:
-    """What live planning refuses is not planned live, so that the viewer shows it all the same."""
-    bare = re.sub(r"\[arm\.tool\].*?(?=\n\[)", "", FILE, flags=re.DOTALL)
-    body = "[[arm.bodies]]\nlink = 3\nbodies = [{ capsule = { from = [-0.08, 0], to = [0, 0], radius = 0.025 } }]"
-    suited = [bare, FILE, bare.replace("[limits]", f"{body}\n[limits]", 1)]
-    assert [ccm_opt.LivePlan.suits(_problem(text, tmp_path)) for text in suited] == [True, False, False]
 
 
 def test_a_plan_brings_the_tools_tip_to_the_goal_and_its_folder_holds(tmp_path: Path) -> None:

@@ -36,6 +36,8 @@ from ccm_opt.driver.live_plan import LiveAnswer, LivePlan
 from ccm_opt.problem import TipGoal
 
 from .conftest import PROBLEMS
+from .test_tools import FILE as FILE_WITH_TOOL
+from .test_tours import FREE as TOUR
 
 SWAN = PROBLEMS / "swan-neck.toml"
 PORT = 0
@@ -304,6 +306,27 @@ def test_a_written_plan_is_shown_as_it_was_written(tmp_path: Path) -> None:
         np.testing.assert_array_equal(app.frames.trajectory.time, arrays["time"])
     done = run(command_line, ["view", str(tmp_path), "--no-browser"])
     assert (done.exit_code, "solution.json: there is no such file" in done.output) == (2, True)
+
+
+@pytest.mark.drawn(1)
+@pytest.mark.planning
+@pytest.mark.parametrize("text", [FILE_WITH_TOOL, TOUR], ids=["tool", "tour"])
+def test_goals_of_tools_and_tours_have_a_handle(text: str, tmp_path: Path) -> None:
+    """An arm with a tool is dragged like any other, and a tour in the order that was found for it."""
+    file = tmp_path / "problem.toml"
+    file.write_text(text)
+    app = plan_viewer(file, PORT)
+    live, handles = app.live, app._handles
+    try:
+        assert live is not None
+        assert handles is not None
+        for name, number in handles._goals.items():
+            handles.attach_handle(name)
+            assert live.move_goal(
+                live.problem.goals[number - 1].goal.tip(live.problem.arm) + 1e-4, number=number
+            ).current
+    finally:
+        app.server.stop()
 
 
 @pytest.fixture

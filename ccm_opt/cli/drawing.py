@@ -216,7 +216,7 @@ def _serve_viewer(door: socket, item: Path, problem: Problem) -> "ViewerApp":
 
     if item.is_dir():
         plan = load(item)
-        live = LivePlan.from_plan(plan) if LivePlan.suits(problem) else None
+        live = LivePlan.from_plan(plan) if LivePlan.suits(plan.problem) else None
         return ViewerApp(MotionFrames(problem, plan.trajectory, plan.joints), live, door, plan.checks)
     with stage_display(problem.name) as clock:
         clock.begin("planning")
@@ -226,7 +226,9 @@ def _serve_viewer(door: socket, item: Path, problem: Problem) -> "ViewerApp":
         from ccm_opt.driver.pipeline import solve  # noqa: PLC0415 - loads toppra
 
         with stage_display(problem.name) as clock:
-            solution = solve(problem, progress=clock)
-        return ViewerApp(MotionFrames(problem, solution.trajectory, solution.joints), None, door, solution.checks)
-    plan = live.plan
-    return ViewerApp(MotionFrames(problem, plan.trajectory, plan.joints), live, door, plan.checks)
+            plan = solve(problem, progress=clock)
+        # A tour is dragged in the order that was found.
+        live = LivePlan.from_plan(plan) if LivePlan.suits(plan.problem) else None
+    else:
+        plan = live.plan
+    return ViewerApp(MotionFrames(plan.problem, plan.trajectory, plan.joints), live, door, plan.checks)

@@ -24,15 +24,15 @@ from ccm_opt.driver.verified_plan import TermResults, VerifiedPlan, failed_check
 from ccm_opt.dynamics.retiming.timing_settings import TimingSettings
 from ccm_opt.ik.terms import Constraint, Cost
 from ccm_opt.planning.motion import CurveMotion
-from ccm_opt.planning.own_units import planning_units
 from ccm_opt.planning.plane_in_space import needs_space
-from ccm_opt.planning.planner import MotionPlanner
+from ccm_opt.planning.planner import MotionPlanner, PlannedPath
+from ccm_opt.planning.positioning import PositioningPlanner
 from ccm_opt.planning.resuming import known_motion
 from ccm_opt.planning.search import clearance_cost
 from ccm_opt.planning.settings import CurvePlannerSettings
+from ccm_opt.planning.tool_problem import problem_with_tool_links
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import Check, JointPath, Solution
-from ccm_opt.problem.tool_rules import refuse_tool
 from ccm_opt.verification.verifier import verify
 
 _PATIENCE = 0.6
@@ -41,8 +41,8 @@ _PATIENCE_IN_SPACE = 0.95
 """CPU time limit for replanning a motion in space after a change [s]. Derived: the search may use 0.8 of it, and
 timing and verification take up to 0.2 s, so an answer comes within a second."""
 _PATIENCE_ON_FEED = 3.0
-"""CPU time limit for replanning a planar motion on a feed axis, which is searched for after each change [s]. Heuristic:
-twice as long as an example problem takes."""
+"""CPU time limit for replanning a planar motion on a feed axis, which may have to be searched for [s]. Heuristic: twice
+as long as an example problem takes."""
 _REPORT_SHARE = 0.3
 """Largest excess of the least gap reported in space over the true one, as a fraction of the gap; all that is required
 is proved as for ``solve``. Measured: the verifier takes 0.5 to 0.7 times as long, and the reported gaps of three jobs
@@ -69,6 +69,16 @@ time that gains little. Heuristic: motions that are only adapted grow longer, an
 else. Measured in drags in a wing box: with it, motions last 0.68 to 1.30 times as long as those of ``solve``; without,
 1.10 to 1.55 times."""
 
+_UNSUPPORTED: dict[str, Callable[[Problem], object]] = {
+    "goals in free order": lambda problem: problem.planner.order == "free",
+    "surfaces to see": lambda problem: problem.coverage is not None,
+    "a required joint error": lambda problem: problem.joint_error,
+    "a planner other than nlp": lambda problem: problem.planner.method != "nlp",
+    "a path to follow": lambda problem: any(stop.goal.path is not None for stop in problem.goals),
+    "a place to look at": lambda problem: any(stop.goal.look_at is not None for stop in problem.goals),
+}
+"""What is not planned live, each with what tells whether a problem has it."""
+
 
 def _dragging_settings(curve: CurvePlannerSettings) -> CurvePlannerSettings:
     """Return planner settings with few optimisation steps, for planar plans made during a drag."""
@@ -85,33 +95,19 @@ def _dragging_timing(timing: TimingSettings) -> TimingSettings:
 
 @dataclass
 class _FollowingPlanner:
-    """Planner for use during a drag, which continues the last motion, or else takes the first motion found in space.
+    """Planner of one plan, which adapts the motions of the last one.
 
     Attributes:
-        thorough: planner used for plans from scratch.
-        quick: planner used while a goal or obstacle is dragged.
-        known: motions of the last plan, in the plane in units of the arm, one for each path planned.
-        made: motions of the paths planned since ``begin``.
-        resumed: whether all these paths were made from known motions.
-        dragging: whether a goal or obstacle is being dragged.
-        wait: number of plans in space after which the motions are optimised again.
-        left: number of plans left until then.
+        planner: planner of motions, which takes few steps while a goal or obstacle is dragged.
+        known: motions of the last plan, one for each path planned, in the plane in units of the arm.
+        shortened: whether motions adapted in space are optimised again.
+        made: the paths planned, with their motions.
     """
 
-    thorough: MotionPlanner
-    quick: MotionPlanner
-    known: tuple[CurveMotion[Any], ...] = ()
-    made: tuple[CurveMotion[Any], ...] = ()
-    resumed: bool = False
-    dragging: bool = False
-    wait: int = _SHORTENED_EVERY
-    left: int = _SHORTENED_EVERY
-
-    def begin(self) -> None:
-        """Begin a plan, whose paths are made from the known motions."""
-        self.left = self.left - 1 if self.left > 0 else self.wait
-        self.made = ()
-        self.resumed = True
+    planner: MotionPlanner
+    known: tuple[CurveMotion[Any], ...]
+    shortened: bool = False
+    made: list[PlannedPath] = field(default_factory=list)
 
     def plan(self, problem: Problem) -> JointPath:
         """Return a certified path for a problem.
@@ -120,19 +116,11 @@ class _FollowingPlanner:
             ProblemError: the start is in contact.
             NoPlanFound: no path was found; the caller keeps the previous motion.
         """
-        planner = self.quick if self.dragging else self.thorough
-        if problem.dimension == 3 or needs_space(problem.arm):
-            planned = planner.planned_in_space(problem, self.known, shortened=self.left == 0)
-            if self.left == 0:
-                self.wait = _SHORTENED_EVERY if planned.shortened else 2 * self.wait
-            path = planned.path
-        else:
-            with planning_units(problem) as units:
-                planned = planner.planned(units.scaled(problem), () if problem.arm.base_axes else self.known)
-            path = units.path_in_metres(planned.path, problem.arm)
-        self.made += (planned.motion,)
-        self.resumed &= planned.resumed
-        return path
+        carried = PositioningPlanner(self.planner.stages, self.planner)
+        planner = carried if problem.arm.carrier else self.planner
+        planned = planner.replanned(problem, self.known, shortened=self.shortened)
+        self.made.append(planned)
+        return planned.path
 
 
 @dataclass(frozen=True)
@@ -160,7 +148,7 @@ class LivePlan:
     Every new plan is verified. It is made from the last motion, so that it keeps the route; only where that fails, a
     motion is searched for. If an obstacle in space moves and the present motion keeps its clearance, this motion is
     verified again and kept. If no plan is found within about a second a goal (in the plane on a feed axis, where every
-    motion is searched for, three), the last plan is kept, and the result says why::
+    motion may be searched for, three), the last plan is kept, and the result says why::
 
         live = ccm_opt.LivePlan(ccm_opt.load_problem("problems/swan-neck.toml"))
         answer = live.move_goal(position=(0.44, 0.10))
@@ -179,8 +167,8 @@ class LivePlan:
         begun: first plan, see ``from_plan``; None to plan one.
 
     Raises:
-        ProblemError: the problem is not supported: it has goals in free order, a required joint error, another planner
-            than "nlp", a path or view as goal, sections that bend evenly, or base axes.
+        ProblemError: the problem is not supported: it has goals in free order, surfaces to see, a required joint error,
+            another planner than "nlp", or a path or view as goal.
         NoPlanFound: no first plan was found, or the start is in contact.
         VerificationError: the verifier rejects the first plan.
     """
@@ -192,10 +180,12 @@ class LivePlan:
     plan: Solution = field(init=False, repr=False)
     current: bool = field(init=False, default=True)
     reason: str = field(init=False, default="")
-    _planner: _FollowingPlanner = field(init=False, repr=False)
     _verified: VerifiedPlan = field(init=False, repr=False)
+    _known: tuple[CurveMotion[Any], ...] = field(init=False, repr=False, default=())
     _coarse: tuple[Leg, ...] = field(init=False, repr=False, default=())
     _settings: Settings = field(init=False, repr=False)
+    _wait: int = field(init=False, repr=False, default=_SHORTENED_EVERY)
+    _left: int = field(init=False, repr=False, default=_SHORTENED_EVERY)
     begun: InitVar[Solution | None] = None
 
     @classmethod
@@ -218,14 +208,12 @@ class LivePlan:
     def __post_init__(self, begun: Solution | None) -> None:
         problem = self.problem
         Problem.expected(problem)
-        refuse_tool(problem.arm, "live planning")
         refuse_without_effect(problem)
         expect_arguments(settings=self.settings)
-        if not self.suits(problem):
+        if found := [what for what, is_in in _UNSUPPORTED.items() if is_in(problem)]:
             raise ProblemError(
-                f"'{problem.name}' cannot be planned live: it has goals in free order, a required joint error, a "
-                "planner other than nlp, a place to look at, sections that bend evenly or base axes; solve it anew "
-                "after every change"
+                f"'{problem.name}' cannot be planned live: it has {' and '.join(found)}; solve it anew after every "
+                "change"
             )
         self._terms = compiled_terms(problem.arm, self.constraints, self.costs)
         self._settings = self.settings
@@ -233,18 +221,16 @@ class LivePlan:
             coarse = replace(self.settings.verification, report_share=_REPORT_SHARE)
             self._settings = replace(self.settings, verification=coarse, timing=_dragging_timing(self.settings.timing))
         thorough = MotionPlanner(Stages(), self._terms, plane=self.settings.curve, space=self.settings.space)
-        if problem.dimension == 2:
+        if problem.dimension == 2 and not needs_space(problem.arm):
             # In space, a proof that there is no way takes longer than is tolerable while dragging.
             thorough = replace(thorough, refuse=refuse_closed)
-        self._planner = _FollowingPlanner(
-            thorough, replace(thorough, plane=_dragging_settings(self.settings.curve), first_found=True)
-        )
+        self._thorough = thorough
+        self._quick = replace(thorough, plane=_dragging_settings(self.settings.curve), first_found=True)
         with on_one_thread(), words_in(problem.length_unit):
             if begun is not None:
                 self._begin_with(begun)
                 return
-            refuse_impossible(problem)
-            self._make(problem)
+            self._make(problem, thorough)
 
     def _begin_with(self, plan: Solution) -> None:
         """Make a given plan the current one, with its motion to each goal as known.
@@ -254,20 +240,14 @@ class LivePlan:
         """
         checks = verified(plan.problem, plan.trajectory, plan.joints, self._settings.verification)
         self._keep(VerifiedPlan(plan.path, plan.trajectory, plan.joints, checks, TermResults()), Stages())
-        if plan.problem.dimension == 2 and plan.problem.arm.base_axes:
-            return  # every motion is searched for
         ends = (0, *plan.trajectory.stops, len(plan.trajectory.time) - 1)
         legs = [plan.trajectory.positions[first : last + 1] for first, last in pairwise(ends) if last > first]
-        self._planner.known = tuple(known_motion(plan.problem.arm, leg) for leg in legs)
+        self._known = tuple(known_motion(plan.problem.arm, leg) for leg in legs)
 
     @staticmethod
     def suits(problem: Problem) -> bool:
-        """Return whether a problem is supported: no free order, joint error, path, view, even sections or bodies."""
-        arm = problem.arm
-        plain = not (arm.drives or arm.carrier or arm.tool or arm.bodies)
-        plain = plain and not (problem.joint_error or problem.planner.order == "free")
-        plain = plain and all(stop.goal.path is None and stop.goal.look_at is None for stop in problem.goals)
-        return plain and problem.planner.method == "nlp"
+        """Return whether a problem is supported: see the errors of the class."""
+        return not any(is_in(problem) for is_in in _UNSUPPORTED.values())
 
     def move_goal(
         self,
@@ -349,20 +329,14 @@ class LivePlan:
         expect_that(lambda: limited, time_limit, "a time limit above 0 [s]")
         begin = time.process_time()
         followed = self.current
-        plan = self.plan
-        verified, coarse = self._verified, self._coarse
-        planner = self._planner
-        self._planner = replace(planner, known=(), dragging=False)
-        self._attempt(self._within(self.problem.planner.time_limit if time_limit is None else time_limit))
-        better = self.current and self._cost(self._verified) < self._cost(verified)
-        if followed and not better:
+        plan, before = self.plan, (self._verified, self._coarse, self._known)
+        limit = self.problem.planner.time_limit if time_limit is None else time_limit
+        self._attempt(limit, self._thorough)
+        if followed and not (self.current and self._cost(self._verified) < self._cost(before[0])):
             self.current = True
             self.reason = ""
             self.plan = plan
-            self._verified, self._coarse = verified, coarse
-            self._planner = planner
-        elif not self.current:
-            self._planner = planner
+            self._verified, self._coarse, self._known = before
         kept = self.plan is plan
         return LiveAnswer(self.current, self.reason, time.process_time() - begin, same_route=kept)
 
@@ -399,39 +373,40 @@ class LivePlan:
         """Replan a changed problem and return the result; if no plan is found, the last plan is kept."""
         begin = time.process_time()
         self.problem = problem
-        planner = self._planner
-        planner.dragging = True
         if self._kept():
             return LiveAnswer(current=True, reason="", cpu=time.process_time() - begin)
-        patience = _PATIENCE_IN_SPACE if problem.dimension == 3 else _PATIENCE
-        patience = _PATIENCE_ON_FEED if problem.arm.base_axes and problem.dimension == 2 else patience
-        self._attempt(self._within(patience * len(problem.goals)))
-        same_route = planner.resumed or not self.current
-        return LiveAnswer(self.current, self.reason, time.process_time() - begin, same_route)
+        in_space = problem.dimension == 3 or needs_space(problem.arm)
+        patience = _PATIENCE_IN_SPACE if in_space else _PATIENCE_ON_FEED if problem.arm.base_axes else _PATIENCE
+        same_route = self._attempt(patience * len(problem.goals), self._quick, self._known)
+        return LiveAnswer(self.current, self.reason, time.process_time() - begin, same_route or not self.current)
 
-    def _within(self, time_limit: float) -> Problem:
-        """Return the present problem with another CPU time limit of planning [s]."""
-        return replace(self.problem, planner=replace(self.problem.planner, time_limit=time_limit))
+    def _attempt(self, limit: float, planner: MotionPlanner, known: tuple[CurveMotion[Any], ...] = ()) -> bool:
+        """Plan the present problem and keep the plan, or record the reason why no plan was found.
 
-    def _attempt(self, problem: Problem) -> None:
-        """Plan a problem and keep the plan, or record the reason why no plan was found."""
+        Args:
+            limit: CPU time limit of planning [s].
+            planner: planner of motions.
+            known: motions that are adapted where possible.
+
+        Returns:
+            Whether a plan was found whose motions were all adapted.
+        """
+        problem = replace(self.problem, planner=replace(self.problem.planner, time_limit=limit))
         try:
             with on_one_thread(), words_in(problem.length_unit):
-                refuse_impossible(problem)
-                self._make(problem)
+                return self._make(problem, planner, known)
         except NoPlanFound as failure:
-            self.current = False
             self.reason = failure.diagnosis.reason
         except ProblemError as refused:
             # An obstacle was dragged over the start: there is no plan, but the call was valid.
-            self.current = False
             self.reason = str(refused)
         except VerificationError as failure:
-            self.current = False
             self.reason = "the verifier rejects the plan: " + "; ".join(failure.failures)
+        self.current = False
+        return False
 
-    def _make(self, problem: Problem) -> None:
-        """Plan, time and verify a problem, and make the result the current plan.
+    def _make(self, problem: Problem, planner: MotionPlanner, known: tuple[CurveMotion[Any], ...] = ()) -> bool:
+        """Plan, time and verify a problem, make the result the current plan, and return whether it was adapted.
 
         Raises:
             ProblemError: the start is in contact.
@@ -439,12 +414,18 @@ class LivePlan:
             VerificationError: the verifier rejects the plan.
         """
         stages = Stages()
-        self._planner.begin()
-        legs = plan_legs(problem, self._planner)
-        settings = self._settings if self._planner.dragging else self.settings
+        refuse_impossible(problem_with_tool_links(problem, weighed=True))
+        self._left = self._left - 1 if self._left > 0 else self._wait
+        following = _FollowingPlanner(planner, known, shortened=self._left == 0)
+        legs = plan_legs(problem, following)
+        if following.shortened:
+            gained = any(planned.shortened for planned in following.made)
+            self._wait = _SHORTENED_EVERY if gained else 2 * self._wait
+        settings = self._settings if planner is self._quick else self.settings
         self._keep(timed_and_verified(problem, legs, stages, None, self._terms, settings), stages)
         self._coarse = () if settings is self.settings else tuple(legs)
-        self._planner.known = self._planner.made
+        self._known = tuple(planned.motion for planned in following.made)
+        return all(planned.resumed for planned in following.made)
 
     @on_one_thread()
     def _kept(self) -> bool:

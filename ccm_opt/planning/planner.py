@@ -54,7 +54,7 @@ from ccm_opt.planning.settings import (
 from ccm_opt.planning.smooth_path import joint_path
 from ccm_opt.planning.space_task import SpaceTask, coarse_problem, space_task
 from ccm_opt.planning.strategies import SAMPLED_WAYS, SAMPLERS, STRATEGIES, WAYS, find_by_ways, find_motion
-from ccm_opt.planning.tool_problem import path_without_tool_links, problem_with_tool_links
+from ccm_opt.planning.tool_problem import bodies_as_links
 from ccm_opt.planning.tracking import tracked
 from ccm_opt.planning.way_strategies import SpaceRun
 from ccm_opt.problem import Problem
@@ -69,6 +69,8 @@ _SHARE_IN_SPACE = 0.8
 _SPACE_SHARE, _LEAST_IN_SPACE = 0.1, 5.0
 """Time in which a motion that was not found in the plane is sought in space: a fraction of the time limit, and at least
 so long [s]. Heuristic: of random arms that never leave their guide tube wholly, most take less than a second."""
+_KNOWN_SHARE = 0.4
+"""Fraction of the time limit in which a known motion of a fed arm in the plane is adapted in space. Heuristic."""
 _ADAPTING_SHARE = 0.7
 """Fraction of the time left in the plane that adapting a known motion may use: the rest is for the smooth path, which
 takes a tenth as long in the swan's neck. Heuristic."""
@@ -176,43 +178,63 @@ class MotionPlanner:
             raise ProblemError(
                 "the method rrt-connect does not support a feed axis; use planner.method nlp, or leave arm.feed out"
             )
-        if needs_space(problem.arm):
-            if self.terms is not None:
-                raise ProblemError(
-                    "constraints and costs are not supported for a planar arm of sections that bend evenly, or on a "
-                    "feed axis with a tool, bodies or locked joints; leave them out"
-                )
-            return self.planned_in_space(problem).path
-        if problem.arm.rigid_bodies:
-            whole = problem_with_tool_links(problem, weighed=True)
-            return self.plan(whole).mapped(partial(path_without_tool_links, arm=problem.arm, whole=whole.arm))
-        if problem.dimension == 2:
-            return self._in_plane(problem)
-        if problem.goal.path is None:
-            return self.planned_in_space(problem).path
-        return self._along_path(problem, self._space_task(problem)[1], problem.goal.path)
+        if problem.dimension == 3 and problem.goal.path is not None:
+            return self._along_path(problem, problem.goal.path)
+        return self.replanned(problem).path
 
-    def _in_plane(self, problem: Problem) -> JointPath:
-        """Return a path of an arm in the plane; where none is found on a feed axis, it is sought as one in space.
+    def replanned(
+        self, problem: Problem, known: Sequence[CurveMotion[Any]] = (), *, shortened: bool = False
+    ) -> PlannedPath:
+        """Plan a certified motion to the problem's goal, from a known one if that can be adapted.
+
+        Args:
+            problem: the problem, with a goal for the tip or the whole arm.
+            known: motions for slightly different problems, as planned by this method or from ``known_motion``.
+            shortened: whether a motion adapted in space is optimised as far as time permits, if most of it is left.
+
+        Raises:
+            ProblemError: the start violates a limit.
+            NoPlanFound: no motion was found; gives the reason and advice.
+        """
+        arm = problem.arm
+        if problem.dimension == 3 or needs_space(arm):
+            return self.planned_in_space(problem, known, shortened=shortened)
+        if arm.rigid_bodies:
+            whole, back = bodies_as_links(problem)
+            return self.replanned(whole, known).mapped(back)
+        if arm.feed is not None:
+            return self._fed_in_plane(problem, known)
+        with planning_units(problem) as units:
+            planned = self.planned(units.scaled(problem), known)
+        return planned.mapped(partial(units.path_in_metres, arm=arm))
+
+    def _fed_in_plane(self, problem: Problem, known: Sequence[SpaceMotion]) -> PlannedPath:
+        """Return a path of a fed arm in the plane, sought as one in space too: first if a motion is known, else last.
 
         Raises:
             NoPlanFound: no motion was found; gives the reason and advice.
         """
         limit = problem.planner.time_limit
         deadline = Deadline.after(limit)
+        in_space = self.terms is None and problem.goal.path is None
+
+        def within(seconds: float) -> Problem:
+            return replace(problem, planner=replace(problem.planner, time_limit=min(deadline.left, seconds)))
+
+        if known and in_space:
+            with suppress(NoPlanFound):
+                return replace(self, refuse=_nothing_proved_of).planned_in_space(within(_KNOWN_SHARE * limit), known)
         try:
             with planning_units(problem) as units:
-                path = self.planned(units.scaled(problem)).path
-            return units.path_in_metres(path, problem.arm)
+                path = self.planned(units.scaled(within(limit))).path
         except MotionNotFound:
-            if problem.arm.feed is None or self.terms is not None or problem.goal.path is not None or deadline.passed():
+            if not in_space or known or deadline.passed():
                 raise
-            options = replace(
-                problem.planner, time_limit=min(deadline.left, max(_SPACE_SHARE * limit, _LEAST_IN_SPACE))
-            )
             with suppress(NoPlanFound):
-                return self.planned_in_space(replace(problem, planner=options)).path
+                return self.planned_in_space(within(max(_SPACE_SHARE * limit, _LEAST_IN_SPACE)))
             raise
+        path = units.path_in_metres(path, problem.arm)
+        return PlannedPath(path, known_motion(problem.arm, path.keyframes))
 
     def planned_in_space(
         self, problem: Problem, known: Sequence[SpaceMotion] = (), *, shortened: bool = False
@@ -231,12 +253,16 @@ class MotionPlanner:
         """
         arm = problem.arm
         if arm.dimension == 2:
+            if self.terms is not None:
+                raise ProblemError(
+                    "constraints and costs are not supported for a planar arm of sections that bend evenly, or on a "
+                    "feed axis with a tool, bodies or locked joints; leave them out"
+                )
             with told_in_plane():
                 in_space = self.planned_in_space(problem_in_space(problem), known, shortened=shortened)
             return in_space.mapped(partial(path_in_plane, arm=arm))
         if arm.rigid_bodies:
-            whole = problem_with_tool_links(problem, weighed=True)
-            back = partial(path_without_tool_links, arm=arm, whole=whole.arm)
+            whole, back = bodies_as_links(problem)
             return self.planned_in_space(whole, known, shortened=shortened).mapped(back)
         problem, task = self._space_task(problem)
         nearest = nearest_known(known, problem)
@@ -529,8 +555,8 @@ class MotionPlanner:
         before = (optimised, motion, found) if motion.u is None else (optimised, motion)
         return _Planned((roomy, *(each for each in before if each is not roomy)), ending.record)
 
-    def _along_path(self, problem: Problem, task: SpaceTask, path: FloatArray) -> JointPath:
-        """Return the motion whose tip follows the goal's path, shape (m, 3) [m].
+    def _along_path(self, problem: Problem, path: FloatArray) -> JointPath:
+        """Return the motion in space whose tip follows the goal's path, shape (m, 3) [m].
 
         Raises:
             ProblemError: something else is asked for that such a motion does not take into account.
@@ -540,6 +566,10 @@ class MotionPlanner:
             raise ProblemError(
                 "goal.path fixes the motion: leave out constraints, costs, the method rrt-connect and the retiming paul"
             )
+        if problem.arm.rigid_bodies:
+            whole, back = bodies_as_links(problem)
+            return self._along_path(whole, path).mapped(back)
+        task = self._space_task(problem)[1]
         with self.stages("motion"):
             return motion_along(task, path, problem.tolerances.position, problem.planner.follow_within)
 
@@ -619,6 +649,10 @@ def _limits_of_feed(arm: Arm, problem: Problem) -> tuple[LimitOf[Any], ...]:
         return ()
     tube = GuideTubeLimit(arm, travel_between_samples(arm, problem.limits))
     return (tube, *_following(problem, arm))
+
+
+def _nothing_proved_of(_: Problem) -> None:
+    """Raise no error: nothing is proved of a problem."""
 
 
 def _nothing_proved() -> None:

@@ -13,7 +13,7 @@ of the whole arm on an axis along it, this comes first.
 import itertools
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -26,8 +26,11 @@ from ccm_opt.core.errors import Diagnosis, MotionNotFound, NoPlanFound, ProblemE
 from ccm_opt.core.length_words import file_length, long_length, short_length
 from ccm_opt.core.progress import Stages
 from ccm_opt.planning.grid_ways import GridDistances, TipGrid
+from ccm_opt.planning.motion import SpaceMotion
+from ccm_opt.planning.planner import PlannedPath
+from ccm_opt.planning.resuming import known_motion, nearest_known
 from ccm_opt.planning.surface_certificate import SpaceCertificate
-from ccm_opt.planning.tool_problem import path_without_tool_links, problem_with_tool_links
+from ccm_opt.planning.tool_problem import bodies_as_links
 from ccm_opt.problem import JointPose, Problem
 from ccm_opt.problem.solution import JointPath
 from ccm_opt.robot.arm import Arm
@@ -56,6 +59,8 @@ _CELLS = 300_000
 """Number of cells of the grid by which ways of the tip are measured. Heuristic."""
 _NEARNESS = 1.0
 """Extra cost per length of these ways in contact with a surface. Heuristic."""
+_SAME = 1e-6
+"""Largest difference of coordinates that count as equal [rad, m]. Derived: files round them to less."""
 _DEGREE = 3
 """Degree of the splines of paths."""
 
@@ -69,6 +74,10 @@ class ArmPlanner(Protocol):
         Raises:
             NoPlanFound: no path was found.
         """
+        ...
+
+    def replanned(self, problem: Problem, known: Sequence[SpaceMotion] = (), *, shortened: bool = False) -> PlannedPath:
+        """Return a certified path for a problem, adapted from a known motion if possible; see ``MotionPlanner``."""
         ...
 
 
@@ -96,8 +105,8 @@ class PositioningPlanner:
         if problem.goal.path is not None:
             return self.planner.plan(problem)
         if problem.arm.rigid_bodies:
-            whole = problem_with_tool_links(problem, weighed=True)
-            return self.plan(whole).mapped(partial(path_without_tool_links, arm=problem.arm, whole=whole.arm))
+            whole, back = bodies_as_links(problem)
+            return self.plan(whole).mapped(back)
         deadline = Deadline.after(problem.planner.time_limit)
         with self.stages("free space"):
             axes = CarrierMotions(problem, problem.workspace.surface_tree)
@@ -120,6 +129,40 @@ class PositioningPlanner:
             if found is None:
                 raise _not_found(failure, len(first) + len(others), passed=deadline.passed()) from None
         return found
+
+    def replanned(self, problem: Problem, known: Sequence[SpaceMotion] = (), *, shortened: bool = False) -> PlannedPath:
+        """Plan a certified motion of axes and arm to a goal of the tip or the whole arm, from a known one if possible.
+
+        Where the axes of the known motion first bring the arm to a place, they do so again, and its motion from there
+        is adapted. Any other motion is adapted as one of axes and joints together.
+
+        Args:
+            problem: the problem.
+            known: motions for slightly different problems, from ``known_motion``; a motion is searched for without any.
+            shortened: whether an adapted motion is optimised as far as time permits, if most of it is left.
+
+        Raises:
+            NoPlanFound: no motion was found.
+        """
+        if problem.arm.rigid_bodies:
+            whole, back = bodies_as_links(problem)
+            return self.replanned(whole, known, shortened=shortened).mapped(back)
+        nearest = nearest_known(known, problem)
+        if nearest is None:
+            path = self.plan(problem)
+            return PlannedPath(path, known_motion(problem.arm, path.keyframes))
+        axes = CarrierMotions(problem, problem.workspace.surface_tree)
+        alone = axes.from_place(nearest.configurations)
+        deadline = Deadline.after(problem.planner.time_limit)
+        way = None if alone is None else axes.way_to(alone[0][axes.arm.coordinates.base], deadline)
+        if alone is None or way is None:
+            return self.planner.replanned(problem, known, shortened=shortened)
+        values = way[-1]
+        standing = axes.standing(values, deadline.left)
+        moved = (known_motion(standing.arm, axes.of_arm_alone(alone)),)
+        planned = self.planner.replanned(standing, moved, shortened=shortened)
+        path = axes.joined(way, axes.lifted(planned.path, values))
+        return replace(planned, path=path, motion=known_motion(problem.arm, path.keyframes))
 
     def _from_places(
         self, axes: "CarrierMotions", places: Sequence[FloatArray], deadline: Deadline
@@ -460,6 +503,22 @@ class CarrierMotions:
             goal=goal,
             planner=replace(problem.planner, time_limit=time_limit),
         )
+
+    def from_place(self, rows: FloatArray) -> FloatArray | None:
+        """Return the part of a motion (K, c) from the place to which the axes bring the arm, or None without such.
+
+        Until then the joints rest in the pose of the start, and from then on the axes but one that feeds the arm.
+        """
+        resting = rows[:, self.arm.coordinates.base][:, : len(self.arm.carrier) - self.fed]
+        moved = np.flatnonzero(np.any(np.abs(resting - resting[-1]) > _SAME, axis=1))
+        first = int(moved[-1]) + 1 if len(moved) else 0
+        bends = self.arm.coordinates.bends
+        return rows[first:] if np.max(np.abs((rows[first] - self.start)[bends])) <= _SAME else None
+
+    def of_arm_alone(self, rows: FloatArray) -> FloatArray:
+        """Return configurations (K, c) without the axes that rest while the arm moves, shape (K, c')."""
+        bends = self.arm.coordinates.joints
+        return np.concatenate((rows[:, :bends], rows[:, rows.shape[1] - self.fed :]), axis=1)
 
     def lifted(self, path: JointPath, values: FloatArray) -> JointPath:
         """Return a path of the arm alone as one of arm and axes, which rest but for one that feeds the arm.

@@ -19,14 +19,17 @@ from ccm_opt.planning.motion import CurveMotion, Motion, SpaceMotion
 from ccm_opt.planning.motion_task import MotionTask
 from ccm_opt.planning.optimisation.optimise import thinned
 from ccm_opt.planning.passage_widths import MARGINS
+from ccm_opt.planning.plane_in_space import arm_in_space, needs_space, rows_in_space
 from ccm_opt.planning.pose import Pose
 from ccm_opt.planning.search import SearchTask
 from ccm_opt.planning.section_map import unknowns_through
 from ccm_opt.planning.space_task import SpaceTask
 from ccm_opt.planning.step import AnyUnknowns, StepperOf
+from ccm_opt.planning.tool_problem import with_bodies
 from ccm_opt.planning.tracking import Reference, follow_reference
 from ccm_opt.problem import Problem
 from ccm_opt.robot.arm import Arm
+from ccm_opt.scene.tool_links import with_tool_links
 
 _Known = TypeVar("_Known", bound=CurveMotion[Any])
 
@@ -46,16 +49,28 @@ _SAME = 1e-9
 
 
 def known_motion(arm: Arm, configurations: FloatArray) -> CurveMotion[Any]:
-    """Return a motion near configurations (K, c) as a known one, to be adapted; the arm has no planar feed."""
+    """Return a motion near configurations (K, c) of an arm as a known one, to be adapted where it is planned.
+
+    Those of fed arms and of sections in the plane are adapted in space; bodies of the arm are links there.
+    """
+    if arm.dimension == 2 and (arm.base_axes or needs_space(arm)):
+        arm, configurations = arm_in_space(arm), rows_in_space(configurations, arm.links)
+    if arm.rigid_bodies:
+        arm = with_tool_links(arm)
+        configurations = with_bodies(configurations, arm, 0.0)
     few = np.unique(np.linspace(0, len(configurations) - 1, _KEYFRAMES).astype(np.intp))
+    if arm.carrier:
+        # Where axes come to rest, the arm may begin to move.
+        moves = np.abs(np.diff(configurations[:, arm.coordinates.base], axis=0)) > _SAME
+        few = np.union1d(few, np.flatnonzero(np.any(moves[:-1] & ~moves[1:], axis=1)) + 1)
     configurations = configurations[few]
     if arm.dimension == 2:
         space, start = LinkSpace.through(arm, configurations[0])
         return CurveMotion(space, np.repeat(start[None], len(configurations), axis=0), configurations, "given")
-    curve, _ = unknowns_through(arm, configurations[0])
-    curve, end = curve.blended_to(configurations[-1])
+    first, start = unknowns_through(arm, configurations[0])
+    curve, end = first.blended_to(configurations[-1])
     fitted = np.stack([curve.fitted(q) for q in configurations])
-    fitted[-1] = end
+    fitted[0], fitted[-1] = curve.extended(start[None], first)[0], end
     return CurveMotion(curve, fitted, configurations, "given")
 
 

@@ -1,6 +1,8 @@
 """Problems whose arm has its bodies as links, and paths of the arm alone that follow from paths for them."""
 
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -38,6 +40,12 @@ def problem_with_tool_links(problem: Problem, *, weighed: bool = False) -> Probl
         planner=replace(problem.planner, wanted_gap=problem.wanted_gap),
         verification=VerificationOptions(problem.contact_tolerance),
     )
+
+
+def bodies_as_links(problem: Problem) -> tuple[Problem, Callable[[JointPath], JointPath]]:
+    """Return the problem of an arm whose bodies are links, and what makes its paths those of the arm alone."""
+    whole = problem_with_tool_links(problem, weighed=True)
+    return whole, partial(path_without_tool_links, arm=problem.arm, whole=whole.arm)
 
 
 def _own_links(arm: Arm) -> BoolArray:
