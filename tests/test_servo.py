@@ -12,7 +12,7 @@ from scipy.interpolate import CubicHermiteSpline
 
 import ccm_opt
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.planning.servo_state import spline_values
+from ccm_opt.planning.servo_state import Braking, spline_values
 from ccm_opt.problem import JointPose, Limits, PointLimit, Problem, TipGoal
 from ccm_opt.problem.solution import JointTrajectory, Solution
 from ccm_opt.robot.base_axes import Feed
@@ -125,6 +125,25 @@ def test_the_tip_follows_in_free_space() -> None:
     assert np.linalg.norm(arm.joint_positions_at(last.positions)[-1] - target) < 1e-3
     assert np.allclose(arm.link_rotations(last.positions)[-1, :, 0], direction / np.linalg.norm(direction), atol=0.02)
     assert np.max(np.abs(last.velocities)) < 0.02
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.integers(0, 10**6), st.floats(-4.5, -2.0))
+def test_what_is_too_fast_is_slowed_down_to_its_limits_and_no_further(seed: int, size: float) -> None:
+    """Between rest and a motion that exceeds limits on rates, the fraction that is taken keeps them just so."""
+    engine = ccm_opt.Servo(scene(0, fed=True))._engine
+    rest = engine.at_rest(np.zeros(engine.curve.dimension))
+    steps = 10.0**size * np.random.default_rng(seed).normal(size=(engine.braking_ticks, rest.controls.shape[1]))
+    still = np.repeat(rest.controls[-1:], len(steps), axis=0)
+    slow, fast = (Braking(np.zeros((len(still), 0)), still + way) for way in (0.0, np.cumsum(steps, axis=0)))
+    share = engine._share_within_rates(rest, slow, fast)
+    controls = replace(rest, braking=replace(fast, controls=still + share * (fast.controls - still))).to_rest()
+    rates = [np.abs(np.diff(controls, n, axis=0)) / engine.period**n for n in (1, 2)]
+    used = max(np.max(rates[0] / engine.rates.velocity), np.max(rates[1] / engine.rates.acceleration))
+    if share == 1.0:
+        assert used <= 0.99 + 1e-9
+    elif share > 0.1:
+        assert used == pytest.approx(0.99)
 
 
 def test_an_obstacle_stops_the_tip_and_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

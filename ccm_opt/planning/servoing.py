@@ -35,6 +35,8 @@ _ROWS_SHARE = 0.998
 """Fraction of the rate limits that the program uses, since its solution and its linearisation are not exact."""
 _SHARES = (1.0, 0.4, 0.1)
 """Fractions of the way from braking to the program's solution that are tried until one is certified. Heuristic."""
+_KEPT_SHARE = 0.99
+"""Fraction of the rate limits up to which such a fraction is interpolated where the first one exceeds them."""
 _TIP = 30.0
 """Weight of the tip's velocity, with distances in nominal links, as that of guides of planning."""
 _TIP_TURN = 30.0
@@ -151,17 +153,31 @@ class TipServo:
         # Where the present velocity leads if the arm is braked from now on, as slowly as from its greatest velocities.
         braked = self._until_rest * (1.0 - 1.0 / self.braking_ticks) * (state.unknowns[1] - state.unknowns[0])
         rests, cuts = self._program(state, pose, command, braked)
-        refusals: list[Cut] = []
-        for share in _SHARES if rests is not None else ():
-            # What is not certified is so with a change that is a little smaller only as a rule: it would cost time.
-            if share > _SHARES[-1] and any(refusal.kind == "certificate" for refusal in refusals):
-                continue
+        first: Cut | None = None
+        shares = list(_SHARES) if rests is not None else []
+        while rests is not None and shares:
+            share = shares.pop(0)
             trial = self._braking(pose.v, braked + share * (rests - braked))
-            refused = self._refusal(state, pose, trial)
-            if refused is None:
-                return state.taking(trial), (*cuts, *refusals[:1])
-            refusals.append(refused)
-        return state.continued(), (*cuts, *refusals[:1])
+            refusal = self._refusal(state, pose, trial)
+            if refusal is None:
+                return state.taking(trial), (*cuts, *([first] if first else []))
+            first = first or refusal
+            if refusal.kind == "certificate":
+                # What is not certified hardly ever is so with a change that is a little smaller: it would cost time.
+                shares = shares[-1:]
+            elif refusal.kind in {"velocity", "acceleration"} and share == _SHARES[0]:
+                shares[0] = self._share_within_rates(state, self._braking(pose.v, braked), trial)
+        return state.continued(), (*cuts, *([first] if first else []))
+
+    def _share_within_rates(self, state: ServoState, braked: Braking, trial: Braking) -> float:
+        """Return the fraction of the way from one continuation to another that keeps the rates by interpolation."""
+        share = 1.0
+        slow, fast = (replace(state, braking=each).to_rest() for each in (braked, trial))
+        for n, limit in ((1, self.rates.velocity * self.period), (2, self.rates.acceleration * self.period**2)):
+            room = _KEPT_SHARE * limit - np.sign(np.diff(fast, n, axis=0)) * np.diff(slow, n, axis=0)
+            past = np.abs(np.diff(fast, n, axis=0)) - _KEPT_SHARE * limit
+            share = min(share, float(np.min((room / np.maximum(room + past, TINY))[past > 0.0], initial=1.0)))
+        return max(share, _SHARES[-1])
 
     def _braking(self, v: FloatArray, change: FloatArray) -> Braking:
         """Return the continuation to rest that changes the unknowns by a given amount in all, (p,)."""
