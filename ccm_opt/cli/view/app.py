@@ -41,6 +41,8 @@ from ccm_opt.viz.document import PageUnits
 
 _FRAME_RATE = 30.0
 """Rate at which poses are sent to the browser during playback [1/s]."""
+_LEAST_PAUSE = 0.001
+"""Pause between poses that take longer to send than their rate allows, in which others get the lock [s]."""
 _SLIDER_RATE = 10.0
 """Rate at which the time slider and the numbers are updated during playback [1/s]."""
 
@@ -208,7 +210,7 @@ class ViewerApp:
             last = time.monotonic()
             slid = last
             while not until():
-                time.sleep(1.0 / _FRAME_RATE)
+                time.sleep(max(last + 1.0 / _FRAME_RATE - time.monotonic(), _LEAST_PAUSE))
                 now = time.monotonic()
                 with self._lock:
                     if self._play.value:

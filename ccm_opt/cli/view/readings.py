@@ -96,7 +96,7 @@ def _chart(server: viser.ViserServer, title: str, times: FloatArray, values: Flo
     return server.gui.add_uplot(
         _with_cursor(times, values, 0.0),
         series,
-        scales={"x": uplot.Scale(time=False)},
+        scales={"x": uplot.Scale(time=False), "y": uplot.Scale(range=(0.0, None))},
         legend=uplot.Legend(show=False),
         title=title,
         height=_HEIGHT,

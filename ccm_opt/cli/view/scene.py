@@ -159,12 +159,12 @@ class Scene:
         if workspace.dimension == 2:
             ring = shapely.get_coordinates(workspace.boundary.exterior)
             for name, depth in (("near", -self.depth), ("far", self.depth)):
-                self._line(f"/room/{name}", self.world(ring, depth), colours.WALLS, 2.0)
+                self._line(f"/room/{name}", self.world(ring, depth), colours.WALLS, 2.5)
         elif workspace.bounds is not None:
             counted = np.arange(8)[:, None] >> np.arange(3) & 1
             corners = self.world(np.where(counted == 1, workspace.bounds[1], workspace.bounds[0]))
             edges = np.array([corners[[a, a | bit]] for a in range(8) for bit in (1, 2, 4) if not a & bit])
-            self._segments("/room/edges", edges, colours.WALLS, 2.0)
+            self._segments("/room/edges", edges, colours.WALLS, 2.5)
 
     def _draw_obstacle(self, obstacle: Obstacle, most_triangles: int, cell: float) -> None:
         """Draw one obstacle, replacing an earlier one of the same name; obstacles in space are transparent.
@@ -270,7 +270,7 @@ class Scene:
         self._line("/tip", self.world(self.frames.points[chosen, -1]), colours.ROUTE, 2.5)
         for number, line, edge in goal_sights(self.frames.problem, self.frames.trajectory):
             self._line(f"/sight {number}", self.world(line), colours.GOAL, 2.5)
-            self._line(f"/field of view {number}", self.world(np.vstack((line[:1], edge, line[:1]))), colours.GOAL, 2.0)
+            self._line(f"/field of view {number}", self.world(np.vstack((line[:1], edge, line[:1]))), colours.GOAL, 2.5)
         self._draw_layers(start[own_joints(self.frames.problem.arm)])
         self.pose(0.0)
 
@@ -283,7 +283,7 @@ class Scene:
             few = np.linspace(0, len(self.frames.points) - 1, VIEW.poses).astype(int)
             points = self.world(self.frames.points[few][:, own_joints(self.frames.problem.arm)])
             pieces = np.stack((points[:, :-1], points[:, 1:]), axis=2).reshape(-1, 2, 3)
-            self._segments(LAYERS["poses on the way"], pieces, colours.TUBE, 2.0)
+            self._segments(LAYERS["poses on the way"], pieces, colours.TUBE, 2.5)
         if "swept region" in self.shown:
             swept = shapely.transform(self.frames.swept(), lambda places: places / self.unit)
             mesh = extruded(swept, -0.2 * self.radius, 0.2 * self.radius)
@@ -301,7 +301,7 @@ class Scene:
         if "regions" in self.shown and isinstance(regions, list) and regions:
             rings = [self.world(np.array([*ring, ring[0]], dtype=np.float64)) for ring in regions]
             sides = np.vstack([np.stack((ring[:-1], ring[1:]), axis=1) for ring in rings])
-            self._segments(LAYERS["regions"], sides, colours.REGION, 2.0)
+            self._segments(LAYERS["regions"], sides, colours.REGION, 2.5)
 
     def switch(self, layer: str, *, on: bool) -> None:
         """Switch a layer of the given name on or off."""
