@@ -398,9 +398,9 @@ class TipServo:
         if arm.feed is None:
             return None
         layout = arm.coordinates
-        windows = np.lib.stride_tricks.sliding_window_view(controls, 4, axis=0)
-        held = arm.held(np.min(windows[:, layout.joints], axis=-1))
-        most = np.max(np.abs(windows[:, : layout.joints]), axis=-1)
+        windows = _windows(controls)
+        held = arm.held(np.min(windows[:, :, layout.joints], axis=1))
+        most = np.max(np.abs(windows[:, :, : layout.joints]), axis=1)
         bent = np.max(most.reshape(len(windows), arm.links, -1), axis=-1)
         inside = np.where(held, bent, 0.0)
         span, joint = np.unravel_index(int(np.argmax(inside)), inside.shape)
@@ -438,13 +438,14 @@ class TipServo:
         # spans share a chord.
         bow = 0.0 if self.curve.affine else np.max(bows[_CURVED:], initial=0.0)
         curved = spans if bow > 1.0 else min(_CURVED, spans)
-        parts = np.ceil(np.sqrt(bows[:curved])).astype(np.intp)
-        places = [_along(controls[k : k + 4], int(count)) for k, count in enumerate(parts)]
-        if curved < spans:
-            joined = spans if self.curve.affine else int(np.sqrt(1.0 / max(bow, TINY)))
-            places.append(spline_values(controls[curved:], self.period, 0.0)[0][::joined])
-        places.append(spline_values(controls[-4:], self.period, 1.0)[0])
-        return np.vstack(places)
+        parts = np.ceil(np.sqrt(bows[:curved])).astype(np.intp).tolist()
+        # Spans, and shares of their times.
+        places = [(span, part / count) for span, count in enumerate(parts) for part in range(count)]
+        joined = spans if self.curve.affine else int(np.sqrt(1.0 / max(bow, TINY)))
+        places += [(span, 0.0) for span in range(curved, spans, max(joined, 1))]
+        places.append((spans - 1, 1.0))
+        weights = np.array([spline_weights(share)[0] for _, share in places])
+        return np.asarray(np.einsum("mk,mkc->mc", weights, _windows(controls)[[span for span, _ in places]]))
 
     def parts(self, controls: FloatArray) -> IntArray:
         """Return into how many chords each span of a spline with control points (m + 3, c) is divided, shape (m,)."""
@@ -462,9 +463,9 @@ class TipServo:
         return np.maximum(2.0 * bows / self.spare, TINY)
 
 
-def _along(controls: FloatArray, parts: int) -> FloatArray:
-    """Return the positions at the beginnings of the equal parts of a span with four control points, (parts, c)."""
-    return np.stack([spline_weights(k / parts)[0] for k in range(parts)]) @ controls
+def _windows(controls: FloatArray) -> FloatArray:
+    """Return the four control points of every span of a spline with control points (m + 3, c), shape (m, 4, c)."""
+    return np.asarray(controls[np.arange(len(controls) - 3)[:, None] + np.arange(4)])
 
 
 def _closing(limit: LimitOf[Any], rows: LimitRows) -> LimitRows:
