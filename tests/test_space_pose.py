@@ -3,18 +3,26 @@
 import json
 from dataclasses import replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
+from hypothesis import assume, given, reject, settings
+from hypothesis import strategies as st
 
 import ccm_opt
 from ccm_opt.core.errors import NoPlanFound, ProblemError, UnreachableGoal
+from ccm_opt.io.reading import problem_from_mapping
 from ccm_opt.problem import JointPose, TipGoal
 from ccm_opt.problem.solution import StaticPose
 from ccm_opt.robot.configuration import SpaceConfiguration
+from ccm_opt.scene.tool_links import points_with_tool
 from ccm_opt.verification.chain_motion import LinkFrames, chain_points
 from tests.arms import limits_at
 
+from .benchmarks.bench_random_arms import Drawn
+from .benchmarks.swept_arcs import ArcArm
+from .benchmarks.swept_file import FileArm, broken_promises
 from .command_runs import CommandLine, brightness
 from .conftest import PROBLEMS
 from .section_scenes import section_clutter
@@ -94,6 +102,43 @@ def test_sections_bend_evenly_in_the_best_pose(seed: int, sections: int) -> None
     for place in (tip, chain_points(problem.arm, found.configuration[None])[0, -1]):
         assert place == pytest.approx(problem.goal.position, abs=1e-6 * problem.arm.length)
     assert found.pose.gap > 0.0
+
+
+@pytest.mark.drawn(2)
+@pytest.mark.parametrize(
+    "kinds",
+    ["tools", "tools plane", "even plane", "feed plane", "feed tools", "coupled tools", "axes tools", "even feed"],
+)
+@given(seed=st.integers(0, 1 << 31))
+@settings(max_examples=2)
+def test_poses_of_any_layout_keep_clear_where_the_file_says(kinds: str, seed: int) -> None:
+    """Bodies, coupled drives and bases are those of the file: an independent reader sees the goal met, nothing near."""
+    kind = ArcArm if "even" in kinds else FileArm
+    with TemporaryDirectory() as folder:
+        try:
+            data = Drawn(seed, 4.0, frozenset(kinds.split()), Path(folder)).data
+        except ValueError:
+            reject()  # no goal was found for the arm that was drawn
+        goals = data["goal"] if isinstance(data["goal"], list) else [data["goal"]]
+        data["goal"] = goals[-1]
+        assume("position" in data["goal"])
+        problem = problem_from_mapping(data, folder=Path(folder))
+        try:
+            found = ccm_opt.find_pose(problem)
+        except NoPlanFound:
+            reject()
+        arm, q = problem.arm, found.configuration
+        arrays = {"bend_angles": found.bends, "joint_positions": found.joint_positions}
+        if arm.tool is not None:
+            arrays["tool_tip"] = points_with_tool(arm, q)[-1]
+        if arm.base_axes:
+            arrays["base_axes"] = np.atleast_1d(found.feed)
+        if arm.drives is not None:
+            arrays["drive_values"] = arm.drives.drives(q[None, : len(arm.bend_limits)])[0]
+        still = {name: np.stack((values, values)) for name, values in arrays.items()}
+        still |= {"time": np.array([0.0, 1.0]), "stops": np.array([], dtype=int)}
+        broken = broken_promises(data, still, Path(folder), kind)
+    assert set(broken) <= {"the start is another"}
 
 
 @pytest.mark.drawn(3, of="whole plans")

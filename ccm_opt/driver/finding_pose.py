@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import nullcontext
 from dataclasses import replace
 
 import numpy as np
@@ -17,24 +18,26 @@ from ccm_opt.driver.arguments import (
     compiled_terms,
     expect_arguments,
     refuse_contradictions,
-    refuse_sections,
     refuse_without_effect,
 )
-from ccm_opt.driver.pose_failure import PoseTry, improved_poses, no_pose
+from ccm_opt.driver.pose_failure import PoseTry, improved_poses, no_pose, own_row
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.ik.compiled_terms import UserTerms
+from ccm_opt.ik.driven_links import curve_near_links
 from ccm_opt.ik.goal_poses import GoalPoses
 from ccm_opt.ik.pose_regions import JointRegions
 from ccm_opt.ik.pose_solver import ArmPose
 from ccm_opt.ik.terms import Constraint, Cost
 from ccm_opt.planning.ends import GapsAtSamples, clamped_arm, refuse_goal, resolve_ends
 from ccm_opt.planning.goal_pose import for_arm, pose_record, poses_at_goal
-from ccm_opt.planning.own_units import planning_units
+from ccm_opt.planning.link_space import nearest_curves
+from ccm_opt.planning.own_units import OwnUnits, planning_units
+from ccm_opt.planning.plane_in_space import told_in_plane
 from ccm_opt.planning.pose_beginnings import PoseBeginning, in_plane, in_space
 from ccm_opt.planning.space_task import space_task
+from ccm_opt.planning.stand_in import own_configurations, stand_in
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import BindingSide, StaticPose
-from ccm_opt.problem.tool_rules import refuse_tool
 
 _LEANING = 1e-4
 """Maximum difference, as a fraction of the arm's length, between a joint's distance to a side of its region and the
@@ -61,7 +64,7 @@ def find_pose(
     does that.
 
     Args:
-        problem: problem with a goal for the tip; a planar arm must have a fixed base.
+        problem: problem with a goal for the tip.
         constraints: constraints of the user; those that apply at the goal become constraints of the NLP.
         costs: costs of the user; those that apply at the goal become terms of the objective.
         progress: function called when a stage starts, and when the search turns to another candidate.
@@ -71,7 +74,7 @@ def find_pose(
         The collision-free pose of minimum cost, within the joint limits, with the tip at the goal.
 
     Raises:
-        ProblemError: the goal gives the pose of the whole arm, or a planar arm has a feed axis.
+        ProblemError: the goal is not one for the tip.
         NoPlanFound: no pose was found; the diagnosis states violated constraints, and whether it is proved that no pose
             exists.
     """
@@ -82,21 +85,25 @@ def find_pose(
     with on_one_thread(), words_in(problem.length_unit):
         stages = Stages(progress, problem.planner.time_limit)
         _refuse_other_questions(problem)
-        if problem.dimension == 2:
-            refuse_sections(problem.arm, "goal poses without a motion in the plane")
         terms = compiled_terms(problem.arm, constraints, costs)
         with stages("necessary checks"):
             refuse_contradictions(problem, terms)
             refuse_impossible(problem)
-        if problem.dimension == 3:
-            return _found(problem, terms, stages, numbers)
-        with planning_units(problem) as units:
-            found = _found(units.scaled(problem), terms, stages, numbers)
+        whole = stand_in(problem, weighed=True)
+        if whole.dimension == problem.dimension == 2:
+            with planning_units(whole) as units:
+                found = _in_metres(_found(units.scaled(whole), terms, stages, numbers), units)
+            return _of_the_arm(replace(found, problem=whole), problem)
+        with told_in_plane() if problem.dimension == 2 else nullcontext():
+            return _of_the_arm(_found(whole, terms, stages, numbers), problem)
+
+
+def _in_metres(found: StaticPose, units: OwnUnits) -> StaticPose:
+    """Return a static pose in the plane with its lengths converted from the arm's units."""
     metres = units.metres
     record = units.record_in_metres(found.pose)
     return replace(
         found,
-        problem=problem,
         pose=record,
         curve=record.curve,
         binding=tuple(replace(each, place=tuple(metres * x for x in each.place)) for each in found.binding),
@@ -104,13 +111,36 @@ def find_pose(
     )
 
 
+def _of_the_arm(found: StaticPose, problem: Problem) -> StaticPose:
+    """Return the static pose of a problem's arm that corresponds to one of the arm in its place, from ``stand_in``."""
+    arm, whole = problem.arm, found.problem.arm
+    q = own_configurations(found.configuration[None], arm, whole)[0]
+    curve, binding = found.curve, found.binding
+    if whole is not arm and arm.dimension == 2:
+        curve = replace(nearest_curves(arm, q[None])[0], base=arm.joint_positions_at(q)[0])
+    elif whole is not arm:
+        curve = curve_near_links(arm, q)
+    if whole.dimension > arm.dimension:
+        binding = tuple(replace(each, place=each.place[::2], towards=each.towards[::2]) for each in binding)
+    rows: dict[str, float] = {}
+    for name, multiplier in found.pose.multipliers.items():
+        rows.setdefault(own_row(name, whole), multiplier)
+    return replace(
+        found,
+        problem=problem,
+        pose=replace(found.pose, configuration=q, curve=curve, multipliers=rows),
+        configuration=q,
+        curve=curve,
+        binding=tuple(replace(each, link=whole.link_number(each.link - 1)) for each in binding),
+    )
+
+
 def _refuse_other_questions(problem: Problem) -> None:
     """Raise an error for problems for which ``find_pose`` cannot search for a pose at the goal.
 
     Raises:
-        ProblemError: the goal gives the pose of the whole arm, or a planar arm has a feed axis.
+        ProblemError: the goal is not one for the tip.
     """
-    refuse_tool(problem.arm, "the search for a pose")
     if problem.goal.whole(problem.arm) is not None:
         raise ProblemError(
             "the goal gives the pose of the whole arm, so there is none to find; give goal.position instead"
@@ -121,10 +151,6 @@ def _refuse_other_questions(problem: Problem) -> None:
         raise ProblemError("the search for a pose does not support goal.look_at; give goal.position instead")
     if problem.coverage is not None:
         raise ProblemError("the search for a pose does not support goal.see; give goal.position instead")
-    if problem.arm.base_axes and problem.dimension == 2:
-        raise ProblemError(
-            "in the plane, goal poses are found for a fixed base only; leave arm.feed and arm.base.axes out"
-        )
 
 
 def _found(problem: Problem, terms: UserTerms | None, stages: Stages, settings: Settings) -> StaticPose:

@@ -1,5 +1,6 @@
 """Outcomes of a search for a pose at a goal from several initial poses, and reasons why no pose was found."""
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -22,6 +23,7 @@ from ccm_opt.planning.own_units import OwnUnits
 from ccm_opt.planning.pose_beginnings import PoseBeginning, along_routes
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import PoseOutcome
+from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.bad_pose import clearance_advice
 
 _ELASTIC_WEIGHTS = (10.0, 1e2, 1e3, 1e5)
@@ -32,6 +34,9 @@ thousandth."""
 _ELASTIC_SHARE = 0.02
 """Fraction of a pose's worst violation, all converted to radians, below which other violations are ignored.
 Heuristic."""
+
+_NUMBERED = re.compile(r"^(link|joint) (\d+)")
+"""Pattern of the names of rows of the nonlinear program that belong to a link or joint."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -231,10 +236,19 @@ def _violation(each: PoseTry) -> float:
     return min((pose.answer.violation for pose in each.poses), default=np.inf)
 
 
+def own_row(name: str, arm: Arm) -> str:
+    """Return the name of a row of the nonlinear program with its link or joint as messages of the arm call it."""
+
+    def called(found: re.Match[str]) -> str:
+        return (arm.link_name if found[1] == "link" else arm.joint_name)(int(found[2]) - 1)
+
+    return _NUMBERED.sub(called, name)
+
+
 def _row_words(name: str, violation: float, goal_poses: GoalPoses) -> str:
     """Return a violated constraint of the nonlinear program in words, given its name and the amount of violation."""
-    length = goal_poses.problem.arm.length
-    what, _, rest = name.partition(": ")
+    arm = goal_poses.problem.arm
+    what, _, rest = own_row(name, arm).partition(": ")
     if what == "user":
         return f"constraint '{rest}' by {violation:.4g}"
     if "bend" in rest:
@@ -242,5 +256,5 @@ def _row_words(name: str, violation: float, goal_poses: GoalPoses) -> str:
     if "torque" in rest:
         return f"the torque of {what} by {100.0 * violation:.3g} %"
     if "region" in rest:
-        return f"the free region of {what} by {short_length(length * violation)}"
+        return f"the free region of {what} by {short_length(arm.length * violation)}"
     return f"{name} ({violation:.2g})"

@@ -12,10 +12,9 @@ import numpy as np
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.planning.clamped_base import with_clamped_base
 from ccm_opt.planning.goal import GoalPose
-from ccm_opt.planning.plane_in_space import needs_space, problem_in_space, rows_in_plane, rows_in_space
 from ccm_opt.planning.pose import Pose
+from ccm_opt.planning.stand_in import own_configurations, stand_in, whole_configurations
 from ccm_opt.planning.tip_reach import ReachQuestion, TipLooker
-from ccm_opt.planning.tool_problem import own_coordinates, problem_with_tool_links, with_bodies
 from ccm_opt.problem import Problem
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.tool import in_link
@@ -42,18 +41,11 @@ class PoseFinder:
         """
         options = replace(problem.planner, order="given", end="free")
         plain = replace(problem, goal=problem.start, stops=(), coverage=None, planner=options)
-        if problem.dimension == 2 and (needs_space(problem.arm) or problem.arm.base_axes):
-            plain = problem_in_space(plain)
-        plain = problem_with_tool_links(plain)
+        plain = stand_in(plain)
         if plain.dimension == 3:
             plain = with_clamped_base(plain, plain.workspace.surface_tree)
         none = np.zeros((0, plain.dimension))
         return cls(problem.arm, ReachQuestion.about(plain, plain.arm.length, none).looker)
-
-    @property
-    def _in_space(self) -> bool:
-        """Whether poses of an arm in space stand for those of a planar one."""
-        return bool(self.looker.stepper.space.arm.dimension > self.arm.dimension)
 
     @property
     def start(self) -> Pose:
@@ -81,17 +73,17 @@ class PoseFinder:
             room: distance [m] and angle [rad] within which both suffice.
             most: number of poses from which it is tried.
         """
-        if self._in_space:
+        if self.looker.stepper.space.arm.dimension > self.arm.dimension:
             tip, axis = in_link(tip), in_link(axis)
         return self.looker.led_from(poses, GoalPose(tip, axis, room=room), most)
 
     def safe(self, before: FloatArray, after: FloatArray) -> bool:
         """Return whether the straight motion between two configurations, each of shape (c,), has a certificate."""
-        ends = np.stack((before, after))
-        ends = rows_in_space(ends, self.arm.links) if self._in_space else ends
-        return bool(self.looker.stepper.safe(*with_bodies(ends, self.looker.stepper.space.arm, 0.0)))
+        whole: Arm = self.looker.stepper.space.arm
+        return bool(self.looker.stepper.safe(*whole_configurations(np.stack((before, after)), self.arm, whole)))
 
     def configuration(self, pose: Pose) -> FloatArray:
         """Return the configuration of the arm in a pose, shape (c,) [rad, m]."""
-        q = pose.q[own_coordinates(self.looker.stepper.space.arm)]
-        return rows_in_plane(q[None], self.arm.links)[0] if self._in_space else q
+        whole: Arm = self.looker.stepper.space.arm
+        found: FloatArray = own_configurations(pose.q[None], self.arm, whole)[0]
+        return found

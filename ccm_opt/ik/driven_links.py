@@ -16,7 +16,7 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.ik.bishop_shooting import curve_in_space, link_quaternions, universal_turns
 from ccm_opt.ik.row_program import Bounds, RowBlock, not_negative
 from ccm_opt.ik.space_links import SpaceLinks, axis, chained_quaternions, quaternions_of, turned_by
-from ccm_opt.ik.spline_curve import CurveNumbers
+from ccm_opt.ik.spline_curve import CurveNumbers, link_shares
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.configuration import SpaceConfiguration
 from ccm_opt.robot.segment import PIECES
@@ -187,24 +187,33 @@ class DrivenLinks(SpaceLinks):
         """Return the bends of all joints, shape (2 n,) [rad], for values of the symbols by name."""
         return np.asarray(np.array(self.coupling) @ values["drives"])
 
-    def curve(self, arm: Arm, values: Mapping[str, FloatArray], q: FloatArray) -> SpaceConfiguration:
+    def curve(self, arm: Arm, _: Mapping[str, FloatArray], q: FloatArray) -> SpaceConfiguration:
         """Return the curve of the arm in metres and world axes: the arcs of sections, else one near the links.
 
         Args:
             arm: the arm.
-            values: values of the symbols by name.
             q: configuration with the positions of the axes that carry the base, shape (c,) [rad, m].
         """
-        bends = self.bends_of(values).reshape(-1, 2) * np.array([1.0, -1.0])
-        if arm.sections is None:
-            segments = max(self.links // PIECES, 1)
-            return curve_in_space(arm, CurveNumbers.near(bends, segments, self.shares), q)
-        lengths = arm.sections.lengths
-        turns = np.stack([bends[arm.sections.section_of_joint == k].sum(axis=0) for k in range(len(lengths))])
-        base = arm.carried(q)
-        return SpaceConfiguration.chain(
-            base.place,
-            base.rotation,
-            lengths.tolist(),
-            list(np.repeat((turns / lengths[:, None])[:, None], PIECES + 1, axis=1)),
-        )
+        return curve_near_links(arm, q)
+
+
+def curve_near_links(arm: Arm, q: FloatArray) -> SpaceConfiguration:
+    """Return the curve of an arm in space: the arcs of its sections, else one near its links.
+
+    Args:
+        arm: the arm.
+        q: configuration, shape (c,) [rad, m].
+    """
+    bends = q[: 2 * arm.links].reshape(-1, 2) * np.array([1.0, -1.0])
+    if arm.sections is None:
+        segments = max(arm.links // PIECES, 1)
+        return curve_in_space(arm, CurveNumbers.near(bends, segments, link_shares(arm)), q)
+    lengths = arm.sections.lengths
+    turns = np.stack([bends[arm.sections.section_of_joint == k].sum(axis=0) for k in range(len(lengths))])
+    base = arm.carried(q)
+    return SpaceConfiguration.chain(
+        base.place,
+        base.rotation,
+        lengths.tolist(),
+        list(np.repeat((turns / lengths[:, None])[:, None], PIECES + 1, axis=1)),
+    )

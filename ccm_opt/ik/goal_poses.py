@@ -16,6 +16,7 @@ from ccm_opt.ik.pose_regions import JointRegions, held_segments, regions_about
 from ccm_opt.ik.pose_settings import DEFAULT_POSES, TORQUE_SHARE, PoseSettings
 from ccm_opt.ik.pose_solver import ArmPose, PoseQuestion
 from ccm_opt.ik.row_program import RowBlock
+from ccm_opt.ik.spline_curve import link_shares
 from ccm_opt.ik.tip_roll import TipRoll
 from ccm_opt.problem import Problem, TipGoal
 from ccm_opt.robot.arm import Arm
@@ -192,7 +193,7 @@ class GoalPoses:
             sides,
             segments,
             loads is not None,
-            _link_shares(arm),
+            link_shares(arm),
             along,
             up,
             *driven(arm),
@@ -333,11 +334,6 @@ class GoalPoses:
         """Return the solution of the NLP with the least cost among those that are feasible; None if none is."""
         feasible = [pose for pose in poses if self.feasible(pose)]
         return min(feasible, key=lambda pose: pose.answer.cost, default=None)
-
-
-def _link_shares(arm: Arm) -> tuple[float, ...]:
-    """Return the length of each link as a fraction of the arm's; empty if all are equal."""
-    return () if arm.proportions is None else tuple((arm.lengths / arm.length).tolist())
 
 
 def driven(arm: Arm) -> tuple[Rows, Rows, tuple[float, ...]]:

@@ -15,6 +15,7 @@ from scipy.interpolate import CubicSpline
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.ik.lifted_curve import JointsAmongPieces, LiftedCurve
 from ccm_opt.ik.row_program import Bounds, RowBlock, pinned_bounds
+from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.segment import PIECES, Knots
 
@@ -45,6 +46,11 @@ def bend_matrix(links: int, knots: int, shares: tuple[float, ...] = ()) -> Float
     else:
         means = links * np.diff(turned_twice(np.linspace(0.0, 1.0, links + 1)), axis=0)
     return np.diff(np.column_stack((np.ones(links), means)), axis=0, prepend=0.0)
+
+
+def link_shares(arm: Arm) -> tuple[float, ...]:
+    """Return the length of each link as a fraction of the arm's; empty if all are equal."""
+    return () if arm.proportions is None else tuple((arm.lengths / arm.length).tolist())
 
 
 def joint_arcs(links: int, shares: tuple[float, ...] = ()) -> FloatArray:

@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.length_words import METRES, short_length, words_in
 from ccm_opt.problem.solution import BindingSide, ReachMap, StaticPose
+from ccm_opt.scene.tool_links import drawn_radii, points_with_tool
 from ccm_opt.viz import figure_files as style
 from ccm_opt.viz.arm_drawing import PLANE, Side, draw_workspace, polygon_patch, whole_workspace
 from ccm_opt.viz.figure_files import figure_file
@@ -37,19 +38,23 @@ def pose_png(found: StaticPose) -> bytes:
 
 def pose_figure(found: StaticPose) -> Figure:
     """Return a matplotlib figure of a static pose: arm, backbone curve, goal, and active obstacle sides."""
-    problem, points, curve = found.problem, found.joint_positions, found.curve
+    problem, curve = found.problem, found.curve
+    arm, points = problem.arm, points_with_tool(problem.arm, found.configuration)
     in_space = problem.dimension == 3
     window = work_box(problem, points) if in_space else whole_workspace(problem.workspace)
-    sheet = Sheet.for_problem(problem, window, [Pose(points, problem.arm.radii, "pose", "arm")])
+    sheet = Sheet.for_problem(problem, window, [Pose(points, drawn_radii(arm), "pose", "arm")])
     line = curve.positions_at(np.linspace(0.0, curve.length, _CURVE_PLACES))
     ends = curve.positions_at(curve.boundaries[1:-1])
-    reach = ARROW_IN_LINKS * problem.arm.link_length if in_space else 0.0
+    reach = ARROW_IN_LINKS * arm.link_length if in_space else 0.0
+    # Where drives move several joints, or a link carries bodies, the curve is only fitted to the bends.
+    followed = float(np.linalg.norm(line[-1] - found.joint_positions[-1])) <= arm.radius
     for axes, side in sheet.all_views:
-        _draw_curve(axes, side(line), side(ends))
+        if followed:
+            _draw_curve(axes, side(line), side(ends))
         if not in_space:
             _draw_binding(axes, found)
             draw_base(axes, points[0])
-        draw_goal(axes, problem.goal, problem.tolerances, problem.goal.tip(problem.arm), "goal", side, reach)
+        draw_goal(axes, problem.goal, problem.tolerances, problem.goal.tip(arm), "goal", side, reach)
     sheet.finish(_pose_title(found))
     return sheet.figure
 

@@ -261,7 +261,7 @@ class StaticPose:
         pose: solution of the nonlinear program for the pose.
         configuration: the pose as a configuration with c coordinates, shape (c,) [rad, m].
         curve: backbone curve that the links follow: a ``Configuration`` in the plane, a ``SpaceConfiguration`` in
-            space.
+            space. Where drives move several joints, or links carry bodies, it is only fitted to the bends.
         nearest: the two bodies with the minimum clearance, and this clearance, in words.
         residuals: violation of each of the user's hard and soft constraints, by name.
         outcomes: outcome of every initial guess, the best first, which gives the pose.
