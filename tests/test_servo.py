@@ -1,8 +1,10 @@
 """Servo control: whatever the hand does, the arm keeps clear and within its limits, and can be braked at any time."""
 
+import gc
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,6 +15,7 @@ from scipy.interpolate import CubicHermiteSpline
 import ccm_opt
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.planning.servo_state import Braking, spline_values
+from ccm_opt.planning.servoing import TipServo
 from ccm_opt.problem import JointPose, Limits, PointLimit, Problem, TipGoal
 from ccm_opt.problem.solution import JointTrajectory, Solution
 from ccm_opt.robot.base_axes import Feed
@@ -247,6 +250,30 @@ def test_fast_fed_arms_brake_near_the_chords_that_are_certified() -> None:
         off = np.linalg.norm(driven[:, None] - certified[None], axis=3).max(axis=2).min(axis=1)
         assert np.max(off) < engine.spare
     assert np.any(step.velocities != 0.0)
+
+
+def test_no_garbage_is_collected_within_a_tick(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The collector is off within a tick, and afterwards as before, whatever a command raises."""
+    servo = ccm_opt.Servo(scene(1, fed=False))
+    stepped, collects = TipServo.stepped, []
+
+    def noted(*arguments: Any) -> Any:
+        collects.append(gc.isenabled())
+        return stepped(*arguments)
+
+    monkeypatch.setattr(TipServo, "stepped", noted)
+    servo.step(ccm_opt.Twist((0.05, 0.02, 0.0)))
+    assert gc.isenabled()
+    with pytest.raises(ccm_opt.ProblemError):
+        servo.step(ccm_opt.Twist((0.05, 0.02)))
+    assert gc.isenabled()
+    gc.disable()
+    try:
+        servo.step(ccm_opt.Twist((0.05, 0.02, 0.0)))
+        assert not gc.isenabled()
+    finally:
+        gc.enable()
+    assert collects == [False, False]
 
 
 def test_a_driven_folder_of_an_arm_on_base_axes_is_accepted(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

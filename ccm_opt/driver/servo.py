@@ -1,6 +1,8 @@
 """Servo control: the tip follows a hand at a fixed rate, and certified braking to rest is held ready at all times."""
 
-from collections.abc import Callable, Sequence
+import gc
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
@@ -72,6 +74,18 @@ _WITHOUT_NUMBERS = {
 }
 """Reasons in words, by kind, with the name of what is concerned."""
 _Efforts: TypeAlias = Callable[[FloatArray, FloatArray, FloatArray], Cut | None]
+
+
+@contextmanager
+def _uncollected() -> Iterator[None]:
+    """Keep the garbage collector from running in a block: looking through all objects of a program takes many ticks."""
+    collects = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if collects:
+            gc.enable()
 
 
 @dataclass(frozen=True)
@@ -174,8 +188,11 @@ class Servo:
             raise ProblemError(f"the start cannot be held still: {self._words(weak)}")
 
     # ------------------------------------------------------------ driving
+    @_uncollected()
     def step(self, command: Twist | TipGoal) -> ServoStep:
         """Move on by one tick after a command, and return the state of the arm at its end.
+
+        Python's garbage collector does not run meanwhile.
 
         Args:
             command: velocity that the tip shall have, or place (and direction) to which it shall go.
