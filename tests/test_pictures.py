@@ -22,6 +22,7 @@ from ccm_opt.io.folder import WRITTEN_FILES, write_solution
 from ccm_opt.io.reading import parse_problem
 from ccm_opt.io.reading_back import load_motion
 from ccm_opt.io.record_reading import recorded_curves, recorded_nearest
+from ccm_opt.problem import LookAt, TipGoal
 from ccm_opt.problem.solution import Solution
 from ccm_opt.viz import films as video
 from ccm_opt.viz.arm_drawing import PlanDrawing
@@ -171,6 +172,15 @@ def test_long_films_are_faster_than_the_motion(plan: PlanDrawing) -> None:
     assert film.seconds == pytest.approx((FILM.most_frames - 1) / FILM.frames_a_second)
     spread = np.diff(slow.trajectory.time[film.shown])
     assert np.ptp(spread) <= 2.0 * np.max(np.diff(slow.trajectory.time)) + 1e-9
+
+
+def test_a_film_shows_what_the_arm_looks_at(plan: PlanDrawing) -> None:
+    """A line of sight leads from the end of the tip's path to the place that has to be seen."""
+    tip = plan.points[-1, -1]
+    look_at = LookAt(np.add(tip, (0.1, 0.05)), (0.05, 0.2), 0.5)
+    problem = replace(plan.problem, goal=TipGoal.looking(look_at), tolerances=look_at.tolerances)
+    film = make_film(replace(plan, problem=problem))
+    assert any(np.array_equal(line.get_xydata(), (tip, look_at.place)) for line in film.axes.lines)
 
 
 def test_a_video_needs_its_encoder(plan: PlanDrawing, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -24,7 +24,7 @@ from ccm_opt.core.errors import ProblemError
 from ccm_opt.scene.tool_links import drawn_radii
 from ccm_opt.viz import figure_files as style
 from ccm_opt.viz.arm_drawing import PLANE, PlanDrawing, Side, draw_tip_path, radius_runs
-from ccm_opt.viz.plan import draw_goals, tip_path_tube
+from ccm_opt.viz.plan import MOST_STOPS, draw_goals, draw_sights, tip_path_tube
 from ccm_opt.viz.raster import Shades
 from ccm_opt.viz.scene_views import Pose, SceneViews, pose_tube, show_picture, view_window, viewing_side, work_box
 from ccm_opt.viz.settings import FILM, SPACE_FILM, FilmSettings
@@ -144,7 +144,8 @@ def make_film(plan: PlanDrawing, settings: FilmSettings | None = None, scene: Sc
             arm, show = _flat_arm(axes, points, drawn_radii(problem.arm))
             draw_tip_path(axes, points[:, -1])
             draw_base(axes, points[0, 0], 5.0)
-        draw_goals(axes, plan, side, poses=False)
+        draw_goals(axes, plan, side, poses=False, numbers=len(problem.goals) < MOST_STOPS)
+        draw_sights(axes, plan, side)
         if in_space:
             arm, show = [], _shaded_arm(view, plan, _marks(figure))
     # In real time unless that takes more frames than the settings allow.

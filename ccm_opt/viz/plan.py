@@ -33,7 +33,7 @@ _SMALLER = 0.7
 """Size of marks and numbers where there are many goals, as a fraction of the usual one."""
 _POSES_ON_THE_WAY = 7
 """Number of poses drawn between start and goal."""
-_MOST_STOPS = 7
+MOST_STOPS = 7
 """Number of goals from which on the arm is not drawn at the goals before the last, marks are smaller, fields of
 view are left out, and goals are numbered in the large view only. Heuristic."""
 _PATH_SHARE = 0.0025
@@ -133,7 +133,7 @@ def plan_figure(plan: PlanDrawing, scene: SceneViews | None = None) -> Figure:
     stops = [points[k] for k in plan.trajectory.stops]
     poses = [Pose(points[0], radii, "start", "start")]
     if in_space:
-        few = stops if len(stops) < _MOST_STOPS else []
+        few = stops if len(stops) < MOST_STOPS else []
         poses += [Pose(pose, radii, "stop", "" if k else "at the goals before") for k, pose in enumerate(few)]
     poses += [Pose(points[-1], radii, "end", "end")]
     window = work_box(problem, points, _shown_of(points, stops)) if in_space else action_window(problem, points)
@@ -148,7 +148,7 @@ def plan_figure(plan: PlanDrawing, scene: SceneViews | None = None) -> Figure:
             draw_base(axes, points[0, 0])
         if surface is not None:
             draw_surface(axes, surface, side)
-        numbers = len(problem.goals) < _MOST_STOPS or axes is sheet.all_views[0][0]
+        numbers = len(problem.goals) < MOST_STOPS or axes is sheet.all_views[0][0]
         draw_goals(axes, plan, side, poses=not in_space, numbers=numbers)
         draw_sights(axes, plan, side)
         _mark_least_gap(axes, side, plan)
@@ -205,7 +205,7 @@ def draw_goals(axes: Axes, plan: PlanDrawing, side: Side = PLANE, *, poses: bool
         numbers: whether to number the goals.
     """
     problem = plan.problem
-    scale = 1.0 if len(problem.goals) < _MOST_STOPS else _SMALLER
+    scale = 1.0 if len(problem.goals) < MOST_STOPS else _SMALLER
     reach = 0.0 if side is PLANE else ARROW_IN_LINKS * problem.arm.link_length
     stops = problem.goals
     samples = [*plan.trajectory.stops, len(plan.points) - 1]
@@ -234,7 +234,7 @@ def draw_sights(axes: Axes, plan: PlanDrawing, side: Side = PLANE) -> None:
         side: projection to the picture plane; ``PLANE`` for a planar arm.
     """
     for _, line, edge in goal_sights(plan.problem, plan.trajectory):
-        if len(plan.problem.goals) < _MOST_STOPS:
+        if len(plan.problem.goals) < MOST_STOPS:
             outline = shapely.get_coordinates(shapely.MultiPoint(side(np.vstack((line[:1], edge)))).convex_hull)
             axes.add_patch(Polygon(outline, facecolor=style.GOAL_TINT, edgecolor="none", alpha=0.7, zorder=1.6))
         axes.plot(*side(line).T, color=style.GOAL_MARK, linewidth=0.9, linestyle="--", zorder=8.4)
