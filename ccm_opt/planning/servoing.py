@@ -153,11 +153,15 @@ class TipServo:
         # Where the present velocity leads if the arm is braked from now on, as slowly as from its greatest velocities.
         braked = self._until_rest * (1.0 - 1.0 / self.braking_ticks) * (state.unknowns[1] - state.unknowns[0])
         rests, cuts = self._program(state, pose, command, braked)
+        if rests is None:
+            return state.continued(), cuts
         first: Cut | None = None
-        shares = list(_SHARES) if rests is not None else []
-        while rests is not None and shares:
+        shares = list(_SHARES)
+        slow, fast = self._slowest(state, braked), self._braking(pose.v, pose.v + self._fading * rests)
+        while shares:
             share = shares.pop(0)
-            trial = self._braking(pose.v, braked + share * (rests - braked))
+            mixed = slow.unknowns + share * (fast.unknowns - slow.unknowns)
+            trial = fast if share == _SHARES[0] else self._braking(pose.v, mixed)
             refusal = self._refusal(state, pose, trial)
             if refusal is None:
                 return state.taking(trial), (*cuts, *([first] if first else []))
@@ -166,8 +170,26 @@ class TipServo:
                 # What is not certified hardly ever is so with a change that is a little smaller: it would cost time.
                 shares = shares[-1:]
             elif refusal.kind in {"velocity", "acceleration"} and share == _SHARES[0]:
-                shares[0] = self._share_within_rates(state, self._braking(pose.v, braked), trial)
+                shares[0] = self._share_within_rates(state, slow, fast)
         return state.continued(), (*cuts, *([first] if first else []))
+
+    def _slowest(self, state: ServoState, braked: FloatArray) -> Braking:
+        """Return the braking towards which changes are drawn, to N control points.
+
+        It is the one that is held, which is certified, if configurations are no affine functions of the unknowns. If
+        they are, it is that from the present velocity, because ``chords`` takes it that all braking is straight.
+
+        Args:
+            state: the state.
+            braked: change of the unknowns in that from the present velocity, shape (p,).
+        """
+        if self.curve.affine:
+            return self._braking(state.unknowns[1], state.unknowns[1] + self._fading * braked)
+        held = state.braking
+        at_rest = np.vstack((state.unknowns, held.unknowns))[-1:], state.to_rest()[-1:]
+        unknowns, controls = (np.repeat(rest, self.braking_ticks, axis=0) for rest in at_rest)
+        unknowns[: len(held.unknowns)], controls[: len(held.controls)] = held.unknowns, held.controls
+        return Braking(unknowns, controls)
 
     def _share_within_rates(self, state: ServoState, braked: Braking, trial: Braking) -> float:
         """Return the fraction of the way from one continuation to another that keeps the rates by interpolation."""
@@ -179,9 +201,8 @@ class TipServo:
             share = min(share, float(np.min((room / np.maximum(room + past, TINY))[past > 0.0], initial=1.0)))
         return max(share, _SHARES[-1])
 
-    def _braking(self, v: FloatArray, change: FloatArray) -> Braking:
-        """Return the continuation to rest that changes the unknowns by a given amount in all, (p,)."""
-        unknowns = v + self._fading * change
+    def _braking(self, v: FloatArray, unknowns: FloatArray) -> Braking:
+        """Return the continuation to rest from unknowns (p,) over others (m, p), moved so that they satisfy limits."""
         around = np.vstack((v, unknowns))
         unknowns = restored_keyframes(self.limits, self.curve, around, np.linspace(0.0, 1.0, len(around)))[1:]
         return Braking(unknowns, self.curve.configurations(unknowns))
