@@ -262,11 +262,10 @@ def test_describe_tells_sections_with_the_figures_of_the_file(
 
 
 def test_what_needs_independent_joints_is_refused() -> None:
-    """Maps of the reach, constraints of the user and robot models name the sections."""
+    """Constraints of the user and robot models name the sections."""
     problem = read()
     floor = ccm_opt.Constraint("above", lambda q: q.tip[2], lower=-1.0)
     for call in (
-        lambda: ccm_opt.reach_map(problem),
         lambda: ccm_opt.solve(problem, constraints=[floor]),
         lambda: model_texts(problem),
     ):

@@ -4,20 +4,30 @@ import json
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
+from hypothesis import assume, given, reject, settings
+from hypothesis import strategies as st
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
 import ccm_opt
+from ccm_opt.core.errors import NoPlanFound
 from ccm_opt.diagnosis.reach import spread_directions
+from ccm_opt.driver.pose_finding import PoseFinder
+from ccm_opt.driver.reach_mapping import unreachable_cells
+from ccm_opt.io.reading import problem_from_mapping
+from ccm_opt.planning.stand_in import stand_in
 from ccm_opt.planning.tip_reach import REACH, ReachQuestion, TipFlood, look_at_cell
 from ccm_opt.problem import TipGoal
 from ccm_opt.problem.solution import ReachMap
+from ccm_opt.scene.tool_links import points_with_tool
 from ccm_opt.viz.arm_drawing import SIDES
 from ccm_opt.viz.views import SceneViews
 
+from .benchmarks.bench_random_arms import Drawn
 from .command_runs import CommandLine, brightness
 from .conftest import PROBLEMS
 from .surface_scenes import slow_gaps
@@ -201,3 +211,35 @@ def test_grids_that_make_no_sense_are_refused(tmp_path: Path, run: CommandLine) 
         assert done.code == 2
         assert words in done.err
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.drawn(2)
+@pytest.mark.parametrize(
+    "kinds",
+    ["tools", "tools plane", "even plane", "feed plane", "feed tools", "coupled tools", "axes tools", "even feed"],
+)
+@given(seed=st.integers(0, 1 << 31))
+@settings(max_examples=2)
+def test_no_tip_of_any_layout_is_where_the_map_proves_that_it_cannot_be(kinds: str, seed: int) -> None:
+    """Tips of random free poses, as links and tool put them, are in no place that is proved to be out of reach."""
+    with TemporaryDirectory() as folder:
+        try:
+            data = Drawn(seed, 4.0, frozenset(kinds.split()), Path(folder)).data
+            problem = problem_from_mapping(data, folder=Path(folder))
+            finder = PoseFinder.of(problem)
+        except (ValueError, NoPlanFound):
+            reject()  # no goal, or no free start, was found for the arm that was drawn
+    arm = problem.arm
+    poses = np.array([finder.configuration(pose) for pose in finder.drawn(40)])
+    assume(len(poses) > 0)
+    tips = points_with_tool(arm, poses)[:, -1]
+    whole = stand_in(problem)
+    box = whole.workspace.box
+    assert box is not None
+    places = tips if box.shape[1] == arm.dimension else np.insert(tips, 1, 0.0, axis=1)
+    for place in places[np.all((places > box[0]) & (places < box[1]), axis=1)]:
+        assert not unreachable_cells(whole, [np.array([x]) for x in place]).any()
+    found = ccm_opt.reach_map(problem, step=arm.length, headings=1)
+    axes = found.axes[::-1] if arm.dimension == 2 else found.axes
+    assert found.reachable.shape == tuple(map(len, axes))
+    assert not np.any(found.reachable & found.proved)

@@ -342,13 +342,6 @@ def test_a_tool_survives_being_written_and_read(tmp_path: Path) -> None:
     assert [list(body) for body in table["bodies"]] == [["capsule"], ["capsule"]]
 
 
-@pytest.mark.parametrize("call", [ccm_opt.find_pose, ccm_opt.reach_map])
-def test_functions_that_do_not_carry_tools_refuse_them(call: Any, tmp_path: Path) -> None:
-    """No function plans for the arm without its tool."""
-    with pytest.raises(ProblemError, match=r"does not support a tool; leave arm\.tool out"):
-        call(_problem(FILE, tmp_path))
-
-
 def test_a_plan_brings_the_tools_tip_to_the_goal_and_its_folder_holds(tmp_path: Path) -> None:
     """The tip of the tool is at the goal, in its direction, and the written plan passes every check."""
     problem = _problem(FILE, tmp_path)

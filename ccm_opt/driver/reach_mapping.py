@@ -18,11 +18,12 @@ from ccm_opt.core.threads import on_one_thread
 from ccm_opt.diagnosis.axis_paths import axis_path_exists
 from ccm_opt.diagnosis.checks import failed
 from ccm_opt.diagnosis.reach import spread_directions, within_bend_limits
-from ccm_opt.driver.arguments import expect_arguments, expect_workers, refuse_sections
+from ccm_opt.driver.arguments import expect_arguments, expect_workers
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.planning.ends import contact_words
 from ccm_opt.planning.pose_beginnings import any_motion
 from ccm_opt.planning.space_task import reach_box
+from ccm_opt.planning.stand_in import stand_in
 from ccm_opt.planning.tip_reach import (
     CellFound,
     ReachQuestion,
@@ -34,7 +35,7 @@ from ccm_opt.planning.tip_reach import (
 )
 from ccm_opt.problem import Problem, TipGoal, Tolerances
 from ccm_opt.problem.solution import ReachMap
-from ccm_opt.problem.tool_rules import refuse_tool
+from ccm_opt.robot.tool import in_link
 from ccm_opt.scene.distances.enclosures import enclosed
 
 _MOTION_TIME = 5.0
@@ -59,7 +60,7 @@ def reach_map(
     goal if one is found quickly. A cell without a pose is proved unreachable only where the map says so.
 
     Args:
-        problem: problem with arm, workspace and start; a planar arm must have a fixed base.
+        problem: problem with arm, workspace and start.
         step: width of a grid cell [m]; None for a fraction of the arm's length.
         headings: number of headings tried in each cell, evenly spaced over a full turn; in space the number of
             directions, evenly spaced over the sphere.
@@ -70,49 +71,47 @@ def reach_map(
         settings: settings of all stages of planning; None for the defaults.
 
     Raises:
-        ProblemError: a planar arm has a feed axis, the grid is invalid, or the start in space is in contact.
+        ProblemError: the grid is invalid, or the start in space is in contact.
         UnreachableGoal: the start in the plane is in contact, or the start exceeds a joint limit.
     """
     Problem.expected(problem)
-    refuse_tool(problem.arm, "the reach map")
     expect_arguments(progress=progress, settings=settings)
     _expect_grid(step, headings, workers)
     numbers = (settings or DEFAULT_SETTINGS).reach
-    arm = problem.arm
     plane = problem.dimension == 2
-    if problem.arm.carrier:
-        raise ProblemError(
-            "maps of the reach are not supported for an arm on arm.base.axes; use a fixed base or arm.feed"
-        )
-    refuse_sections(arm, "maps of the reach")
-    if plane and arm.base_axes:
-        raise ProblemError("the reach is mapped for a fixed base only, not on a feed axis; leave arm.feed out")
     stages = Stages()
     with words_in(problem.length_unit):
         width = _width(problem, numbers.step if plane else numbers.step_in_space, step)
-        axes = _axes(problem, width, numbers)
         angles, directions = _directions(problem, headings, numbers)
-        question = ReachQuestion.about(problem, width, directions, numbers)
+        whole = stand_in(problem)
+        flat = whole.dimension > problem.dimension
+        axes = _axes(whole, width, numbers, flat=flat)
+        question = ReachQuestion.about(
+            whole, width, np.stack(list(map(in_link, directions))) if flat else directions, numbers
+        )
         with stages("proofs"):
-            looker, closed = _proved(problem, question, axes)
+            looker, closed = _proved(whole, question, axes)
         flood = TipFlood(axes, width, closed, len(directions), numbers)
         with stages("motion"):
-            _begin(flood, problem, looker)
+            _begin(flood, whole, looker)
         _flood(flood, partial(look_at_cell, question), workers, progress)
         reachable = np.zeros(closed.shape, dtype=bool)
         for cell in flood.poses:
             reachable[cell] = True
-        if plane:
+        if plane and not flat:
             with stages("proofs"):
-                closed = closed | _behind_walls(problem, axes, ~reachable & ~closed)
+                closed = closed | _behind_walls(whole, axes, ~reachable & ~closed)
     found: list[Any] = [reachable, flood.taken, flood.gap, closed]
+    if flat:
+        axes = (axes[0], axes[2])
+        found = [each[:, 0] for each in found]
     if plane:
         # Planar maps are stored with y as rows and x as columns.
         found = [np.swapaxes(each, 0, 1) for each in found]
     tried = np.zeros((0, 2)) if plane else directions
     timings = {**stages.timings, "cells": flood.cpu}
     free, taken, gap, proved = found
-    seen = numbers.seen * arm.length
+    seen = numbers.seen * whole.arm.length
     return ReachMap(problem, width, axes, angles, tried, free, taken, gap, proved, seen, timings)
 
 
@@ -184,10 +183,10 @@ def _middles(low: FloatArray, high: FloatArray, width: float) -> list[FloatArray
     return [m + width * (np.arange(n) - 0.5 * (n - 1)) for m, n in zip(middle, counts, strict=True)]
 
 
-def _axes(problem: Problem, width: float, settings: ReachSettings) -> tuple[FloatArray, ...]:
+def _axes(problem: Problem, width: float, settings: ReachSettings, *, flat: bool) -> tuple[FloatArray, ...]:
     """Return the coordinates of grid-cell centres along each axis, one array per axis [m].
 
-    The grid covers the part of the workspace within the arm's reach.
+    The grid covers the part of the workspace within the arm's reach; a flat one in space is in the x-z plane alone.
 
     Raises:
         ProblemError: no position is within reach, or there are too many cells.
@@ -197,6 +196,8 @@ def _axes(problem: Problem, width: float, settings: ReachSettings) -> tuple[Floa
         raise ProblemError(
             "no point of the workspace is within the arm's length of its base; check arm.base and the bounds"
         )
+    if flat:
+        low[1] = high[1] = 0.0
     axes = _middles(low, high, width)
     cells = int(np.prod([len(each) for each in axes]))
     if cells > settings.most_cells:
@@ -243,7 +244,7 @@ def _proved(problem: Problem, question: ReachQuestion, axes: Sequence[FloatArray
         contact = contact_words(problem, looker.task, looker.task.start)
         if contact:
             raise ProblemError(f"the start is in contact: {contact}")
-    return looker, _unreachable_cells(problem, axes)
+    return looker, unreachable_cells(problem, axes)
 
 
 @on_one_thread()
@@ -256,19 +257,21 @@ def _begin(flood: TipFlood, problem: Problem, looker: TipLooker) -> None:
     flood.begin(looker, along)
 
 
-def _unreachable_cells(problem: Problem, axes: Sequence[FloatArray]) -> BoolArray:
+def unreachable_cells(problem: Problem, axes: Sequence[FloatArray]) -> BoolArray:
     """Return a mask, in the shape of the grid, of the cells whose centres the tip is proved not to reach.
 
-    Such a centre is farther from the base than the arm's length, inside an obstacle, outside the workspace, closer to a
-    surface than radius plus required clearance, or out of reach within the joint limits.
+    Such a centre is farther from all positions of the base than the arm's length, inside an obstacle, outside the
+    workspace, closer to a surface than radius plus required clearance, or out of reach within the joint limits.
     """
     arm = problem.arm
     places = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
     flat = places.reshape(-1, problem.dimension)
     low, high = arm.base_range
-    along = np.clip((flat - arm.base) @ arm.direction, low, high) if arm.base_axes else np.zeros(len(flat))
+    along = np.clip((flat - arm.base) @ arm.direction, low, high) if arm.feed else np.zeros(len(flat))
     away = np.linalg.norm(flat - arm.base - along[:, None] * arm.direction, axis=1)
-    closed = away > arm.length
+    closed = away > arm.length + (0.0 if arm.feed else arm.base_travel)
+    if arm.tool_links is not None and arm.tool_links.bare[-1]:
+        return np.asarray(closed.reshape(places.shape[:-1]))  # the tip is beside its body
     kept = arm.tip_radius + problem.workspace.clearance
     if kept > 0.0 and len(problem.workspace.triangle_soup):
         # If the mount reaches to the tip, the tip may touch the surface that the arm is mounted on.
