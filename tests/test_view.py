@@ -1,5 +1,6 @@
 """The viewer: solids over shapes of the plane, poses at any time, colours, and plans that follow what is dragged."""
 
+import asyncio
 import json
 import os
 import re
@@ -27,7 +28,7 @@ import ccm_opt
 from ccm_opt.cli.commands import app as command_line
 from ccm_opt.cli.drawing import plan_viewer
 from ccm_opt.cli.view import settings as colours
-from ccm_opt.cli.view.app import LOOPBACK, ViewerApp, claim_port
+from ccm_opt.cli.view.app import LOOPBACK, PatientEvent, ViewerApp, claim_port
 from ccm_opt.cli.view.dragging import Replanner
 from ccm_opt.cli.view.frames import MotionFrames, extruded
 from ccm_opt.cli.view.hand import PATIENCE, Hands
@@ -183,6 +184,21 @@ def test_the_page_follows_its_plan(viewer: ViewerApp) -> None:
     viewer._planned(live, live.move_goal((0.2, 0.3)))
     assert "No plan; the last one is shown" in viewer._status.content
     assert "hanging wall" in viewer._status.content
+
+
+def test_a_page_hears_of_what_came_while_it_began_to_wait(viewer: ViewerApp) -> None:
+    """Whoever waits for messages goes on within a second if the event was set without waking it."""
+    event = viewer.server._websock_server._broadcast_buffer.message_event
+    assert isinstance(event, PatientEvent)
+
+    async def overheard() -> bool:
+        event = PatientEvent()
+        waiting = asyncio.create_task(event.wait())
+        await asyncio.sleep(0.0)
+        event._value = True  # as another thread leaves it that sets it then
+        return await asyncio.wait_for(waiting, 1.0)
+
+    assert asyncio.run(overheard())
 
 
 def test_a_time_chosen_while_it_plays_is_what_the_slider_shows(

@@ -1,5 +1,6 @@
 """Web server and controls of the viewer."""
 
+import asyncio
 import dataclasses
 import http
 import io
@@ -11,11 +12,11 @@ import socket
 import threading
 import time
 from collections.abc import Callable
-from contextlib import redirect_stdout
+from contextlib import redirect_stdout, suppress
 from functools import partial
 from math import floor
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 from unittest import mock
 
 import numpy as np
@@ -43,6 +44,8 @@ _FRAME_RATE = 30.0
 """Rate at which poses are sent to the browser during playback [1/s]."""
 _LEAST_PAUSE = 0.001
 """Pause between poses that take longer to send than their rate allows, in which others get the lock [s]."""
+_LONGEST_WAIT = 0.5
+"""Time after which the sender of messages to the pages looks again whether there are any [s]."""
 _SLIDER_RATE = 10.0
 """Rate at which the time slider and the numbers are updated during playback [1/s]."""
 
@@ -144,6 +147,22 @@ def _serve_guarded(
     return serve(handled, sock=door, process_request=answer, **options)
 
 
+class PatientEvent(asyncio.Event):
+    """Event whose waiters look at it twice a second, so that none waits for ever although it is set.
+
+    viser sets an event of its event loop from other threads. One that is set just while a task begins to wait does not
+    wake this task, and neither does any setting after that: the pages would stand still.
+    """
+
+    async def wait(self) -> Literal[True]:
+        """Wait until the event is set."""
+        while not self.is_set():
+            with suppress(TimeoutError):
+                async with asyncio.timeout(_LONGEST_WAIT):
+                    await super().wait()
+        return True
+
+
 class ViewerApp:
     """Web application that shows a motion in the browser.
 
@@ -181,6 +200,9 @@ class ViewerApp:
                 "this version of viser does not let the viewer protect its page; install a newer one: pip "
                 "install -U viser"
             )
+        messages = getattr(getattr(self.server, "_websock_server", None), "_broadcast_buffer", None)
+        if messages is not None and hasattr(messages, "message_event"):
+            messages.message_event = PatientEvent()
         self.scene = Scene(self.server, frames)
         self.scene.draw()
         self.server.gui.configure_theme(show_logo=False, show_share_button=False)
