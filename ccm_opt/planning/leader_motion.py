@@ -210,14 +210,19 @@ def path_behind_tip(task: SpaceTask, motion: SpaceMotion, *, optimised: bool) ->
             continue
         if not bounded and not (_worth(keyframes, lack, motion, task) if optimised else _best(keyframes, task)):
             continue
-        spline = path_near_configurations(keyframes, task)
-        if spline is not None and task.violated_place(spline) is None:
-            keyframes, spline, curves = task.keyframes_along(keyframes, spline, legs=False)
-            name = f"{motion.candidate}, on the path of the tip"
-            spare = certified_spare(spline, task.certificate)
-            path = JointPath(spline, keyframes, curves, name, spare=spare)
+        path = certified_path(keyframes, f"{motion.candidate}, on the path of the tip", task)
+        if path is not None:
             return with_clearance_limit(path, "path of the tip", task)
     return None
+
+
+def certified_path(keyframes: FloatArray, name: str, task: SpaceTask) -> JointPath | None:
+    """Return the smooth path of the given name near keyframes (K, c) between which motions are certified, or None."""
+    spline = path_near_configurations(keyframes, task)
+    if spline is None or task.violated_place(spline) is not None:
+        return None
+    keyframes, spline, curves = task.keyframes_along(keyframes, spline, legs=False)
+    return JointPath(spline, keyframes, curves, name, spare=certified_spare(spline, task.certificate))
 
 
 def with_clearance_limit(path: JointPath, limit: ClearanceLimit, task: SpaceTask) -> JointPath:

@@ -16,6 +16,17 @@ _BENDING_FROM = (0.0, 0.5, 0.8)
 """Fractions of a motion at which its deformation to another end begins, tried in turn. Heuristic."""
 
 
+def bending_shares(along: FloatArray) -> Iterator[FloatArray]:
+    """Yield the shares of a change of its end by which a motion is deformed, which begin later and later.
+
+    Args:
+        along: places of the keyframes as fractions of the motion, shape (K,).
+    """
+    for beginning in _BENDING_FROM:
+        share = np.clip((along - beginning) / (1.0 - beginning), 0.0, 1.0)
+        yield share**2 * (3.0 - 2.0 * share)
+
+
 CurveType = TypeVar("CurveType", bound=CurveUnknowns)
 """Type of the map from unknowns to configurations of a motion."""
 
@@ -34,7 +45,7 @@ class CurveMotion(Generic[CurveType]):
         end_pose: configuration of the offered goal pose in which the motion ends, for the arm with which the motion was
             planned, shape (c,); None if it ends elsewhere.
         follows: whether a fed arm follows a leader's path during the whole motion.
-        instead: configurations of a certified path between the same ends, shape (K, c), if the motion itself is not
+        instead: control points of a certified path between the same ends, shape (K, c), if the motion itself is not
             certified; else None.
     """
 
@@ -72,11 +83,9 @@ class CurveMotion(Generic[CurveType]):
         Args:
             end: unknowns of the other end, shape (p,).
         """
-        along = self.path_parameters
         change = end - self.unknowns[-1]
-        for beginning in _BENDING_FROM:
-            share = np.clip((along - beginning) / (1.0 - beginning), 0.0, 1.0)
-            unknowns = self.unknowns + (share**2 * (3.0 - 2.0 * share))[:, None] * change
+        for share in bending_shares(self.path_parameters):
+            unknowns = self.unknowns + share[:, None] * change
             unknowns[-1] = end
             yield self.through(unknowns)
 

@@ -26,7 +26,13 @@ from ccm_opt.planning.ending import ended_by_nlp
 from ccm_opt.planning.ends import Ends, clamped_arm, refuse_ends, resolve_ends
 from ccm_opt.planning.goal_pose import EndPoses
 from ccm_opt.planning.leader import travel_between_samples
-from ccm_opt.planning.leader_motion import not_behind_tip, path_behind_tip, travel_time, with_clearance_limit
+from ccm_opt.planning.leader_motion import (
+    certified_path,
+    not_behind_tip,
+    path_behind_tip,
+    travel_time,
+    with_clearance_limit,
+)
 from ccm_opt.planning.leader_strategies import fed_strategies
 from ccm_opt.planning.limits.following import FollowingLimit
 from ccm_opt.planning.limits.guide_tube import GuideTubeLimit
@@ -44,7 +50,15 @@ from ccm_opt.planning.plane_in_space import needs_space, path_in_plane, problem_
 from ccm_opt.planning.pose import Pose
 from ccm_opt.planning.pose_beginnings import any_motion
 from ccm_opt.planning.refinement import nominal_task, refine_space_motion
-from ccm_opt.planning.resuming import bent_onto, known_motion, moved_end, nearest_known, resumed, tracked_to
+from ccm_opt.planning.resuming import (
+    bent_keyframes,
+    bent_onto,
+    known_motion,
+    moved_end,
+    nearest_known,
+    resumed,
+    tracked_to,
+)
 from ccm_opt.planning.search import Strategy, clearance_cost
 from ccm_opt.planning.settings import (
     DEFAULT_CURVE_PLANNER,
@@ -284,30 +298,27 @@ class MotionPlanner:
     def _adapted(self, problem: Problem, task: SpaceTask, known: SpaceMotion) -> PlannedPath | None:
         """Return the plan whose motion is a known one adapted to the task's goal, or None if it cannot be adapted.
 
-        Where the arm follows its tip, only that path is certified: the adapted motion gives its end. Where neither that
-        path nor a deformed motion is certified, the motion is tracked by steps that avoid obstacles.
+        Where the arm follows its tip, only that path is certified: the adapted motion gives its end. Else the last path
+        is deformed, or the motion. Where nothing is certified, the motion is tracked by steps that avoid obstacles.
         """
         hurried = task.deadline_within(_ADAPTING_SHARE_IN_SPACE * task.deadline.left)
-        certified = () if known.instead is None else (known_motion(task.arm, known.instead),)
-        ends = []
-        for each in (known, *certified):
-            with self.stages("motion"):
-                end = moved_end(each, hurried)
-            if end is None:
-                continue
-            ends.append(end)
-            adapted = self._behind_tip(problem, hurried, *end) if task.follows else None
-            if adapted is None:
-                with self.stages("motion"):
-                    motion = bent_onto(*end, hurried)
-                adapted = self._resumed(problem, task, motion)
-            if adapted is not None:
-                return adapted
-        if not ends:
-            return None
         with self.stages("motion"):
-            known, poses = ends[-1]
-            motion = tracked_to(known, poses[-1].v, hurried)
+            rows = known.configurations if known.instead is None else known.instead
+            end = moved_end(known if known.instead is None else known_motion(task.arm, rows), hurried)
+        if end is None:
+            return None
+        adapted = self._behind_tip(problem, hurried, *end) if task.follows else None
+        if adapted is None and task.follows:
+            adapted = self._bent(problem, hurried, rows, *end)
+        if adapted is None:
+            with self.stages("motion"):
+                motion = bent_onto(*end, hurried)
+            adapted = self._resumed(problem, task, motion)
+        if adapted is not None:
+            return adapted
+        with self.stages("motion"):
+            begun, poses = end
+            motion = tracked_to(begun, poses[-1].v, hurried)
         return self._resumed(problem, task, motion)
 
     def _behind_tip(
@@ -317,7 +328,33 @@ class MotionPlanner:
         bent = next(known.bent_to(poses[-1].v))
         with self.stages("smooth path"):
             behind = path_behind_tip(_bounded(problem, task), bent, optimised=True)
-        return None if behind is None else PlannedPath(behind, replace(bent, instead=behind.keyframes), resumed=True)
+        if behind is None:
+            return None
+        # A control polygon of a spline keeps joints straight in the tube; places on the spline hardly show where.
+        return PlannedPath(behind, replace(bent, instead=np.asarray(behind.spline.c)), resumed=True)
+
+    def _bent(
+        self, problem: Problem, task: SpaceTask, rows: FloatArray, known: SpaceMotion, poses: Sequence[Pose]
+    ) -> PlannedPath | None:
+        """Return the plan along keyframes (K, c) that are deformed or extended to end in the last of some poses.
+
+        Args:
+            problem: the problem.
+            task: its search task.
+            rows: the keyframes, which are left where the poses begin.
+            known: motion near these keyframes.
+            poses: poses from its end onto the goal.
+        """
+        name = known.candidate
+        rows = rows[: 1 + int(np.argmin(np.max(np.abs(rows - poses[0].q), axis=1)))]
+        limits = _following(problem, task.arm)
+        with self.stages("smooth path"):
+            for bent in bent_keyframes(rows, poses, task):
+                path = None if any(len(limit.failures(bent)) for limit in limits) else certified_path(bent, name, task)
+                if path is not None:
+                    motion = replace(next(known.bent_to(poses[-1].v)), instead=np.asarray(path.spline.c))
+                    return PlannedPath(path, motion, resumed=True)
+        return None
 
     def _resumed(self, problem: Problem, task: SpaceTask, motion: SpaceMotion | None) -> PlannedPath | None:
         """Return the plan with the smooth path along an adapted motion; None without a motion or a certified path."""

@@ -5,17 +5,18 @@ deformed one would touch them, and optimised like any other; in space it keeps t
 replanning takes hardly longer than one smooth path, and is tracked only where no deformed motion is certified.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any, TypeVar
 
 import numpy as np
 
-from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.arrays import TINY, FloatArray
+from ccm_opt.core.polyline import arc_lengths
 from ccm_opt.planning.continuation import Stalled, settle
 from ccm_opt.planning.ending import led_to, optimised_to_end_pose
 from ccm_opt.planning.link_space import LinkSpace
-from ccm_opt.planning.motion import CurveMotion, Motion, SpaceMotion
+from ccm_opt.planning.motion import CurveMotion, Motion, SpaceMotion, bending_shares
 from ccm_opt.planning.motion_task import MotionTask
 from ccm_opt.planning.optimisation.optimise import thinned
 from ccm_opt.planning.passage_widths import MARGINS
@@ -149,6 +150,30 @@ def bent_onto(
     # Where the deformed motion would touch a wall, the motion is extended from its end.
     led_on = known.through(np.vstack((known.unknowns, *(pose.v for pose in poses[1:]))))
     return led_on if len(task.failures(led_on.curve, led_on.unknowns)) == 0 else None
+
+
+def bent_keyframes(rows: FloatArray, poses: Sequence[Pose], task: SpaceTask) -> Iterator[FloatArray]:
+    """Yield certified keyframes (K, c) to a new end: given ones deformed along their length, or extended to it.
+
+    A curve does not reproduce all motions of an arm on a feed axis: here the bends themselves are changed. Those that
+    are straight, as in the guide tube, stay so.
+
+    Args:
+        rows: the keyframes, shape (M, c) [rad, m].
+        poses: poses from the last keyframe to the new end.
+        task: the current obstacles and limits.
+    """
+    arcs = arc_lengths(rows * task.slowness)
+    change = np.where(rows != 0.0, poses[-1].q - rows[-1], 0.0)
+    change[:, task.arm.coordinates.base] = (poses[-1].q - rows[-1])[task.arm.coordinates.base]
+    for share in bending_shares(arcs / max(float(arcs[-1]), TINY)):
+        bent = np.clip(rows + share[:, None] * change, task.arm.lower_limits, task.arm.upper_limits)
+        bent[-1] = poses[-1].q
+        if len(task.certificate.failures(bent)) == 0:
+            yield bent
+    extended = np.vstack((rows, *(pose.q for pose in poses[1:])))
+    if len(task.certificate.failures(extended)) == 0:
+        yield extended
 
 
 def _tracked(
