@@ -16,12 +16,13 @@ from ccm_opt.core.errors import NoPlanFound, ProblemError, UnreachableGoal
 from ccm_opt.driver import live_plan
 from ccm_opt.driver.live_plan import LivePlan
 from ccm_opt.io.reading import parse_problem
+from ccm_opt.planning import planner as motion_planner
 from ccm_opt.planning import resuming
 from ccm_opt.planning.continuation import Stalled, settle
 from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.planner import MotionPlanner
 from ccm_opt.planning.pose import Pose
-from ccm_opt.planning.resuming import known_motion
+from ccm_opt.planning.resuming import known_motion, same_route
 from ccm_opt.planning.step import SpaceStepper
 from ccm_opt.problem import JointPose, Stop, TipGoal
 from ccm_opt.scene.tool_links import points_with_tool
@@ -207,6 +208,63 @@ def test_a_goal_of_any_layout_is_dragged_along_the_route(layout: str) -> None:
     assert is_certified(live)
     end = points_with_tool(problem.arm, live.plan.trajectory.positions[-1])[-1]
     assert np.linalg.norm(end - moved) <= problem.tolerances.position
+
+
+@pytest.mark.drawn(1)
+def test_the_path_of_a_fed_arm_is_deformed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where the arm cannot follow its tip, the bends of the last path are changed, and no joint bends in the tube."""
+    problem = parse_problem(toml(FED_WITH_TOOL), "fed.toml")
+    live = LivePlan(problem)
+    assert isinstance(problem.goal, TipGoal)
+    monkeypatch.setattr(motion_planner, "bent_onto", lambda *_: None)
+    for k in range(1, 4):
+        if k == 2:
+            monkeypatch.setattr(motion_planner, "path_behind_tip", lambda *_, **__: None)
+        answer = live.move_goal(problem.goal.position - np.array([0.001 * k, 0.0]))
+        assert (answer.current, answer.same_route) == (True, True), answer.reason
+        assert is_certified(live)
+
+
+BALL = """
+schema = 1
+space = 3
+name = "ball"
+
+[workspace]
+bounds = [[-1, -1, -1], [1, 1, 1]]
+
+[[workspace.obstacles]]
+name = "ball"
+sphere = { center = [0.45, 0, 0], radius = 0.03 }
+
+[arm]
+links = 6
+link_length = 0.07
+radius = 0.01
+joint_limit_deg = 60
+base = { position = [0, 0, 0], direction = [1, 0, 0] }
+
+[limits]
+velocity = 1.0
+acceleration = 4.0
+
+[start]
+joints_deg = [[30, 0], [0, 0], [0, 0], [0, 0], [0, 0], [0, 0]]
+
+[goal]
+position = [0.3, 0.1, 0.0]
+"""
+
+
+@pytest.mark.drawn(1)
+def test_motions_on_both_sides_of_an_obstacle_take_different_routes() -> None:
+    """A motion takes its own route and that of one nearby; between those on two sides of a ball there is contact."""
+    problem = parse_problem(BALL, "ball.toml")
+    task = MotionPlanner()._space_task(problem)[1]
+    above, below = (side * np.linspace(0.2, 0.3, 5)[:, None] * np.tile([1.0, 0.0], 6) for side in (1.0, -1.0))
+    assert same_route(above, above, task)
+    assert same_route(above, 1.1 * above, task)
+    assert not same_route(above, below, task)
 
 
 @pytest.mark.drawn(1)

@@ -131,8 +131,8 @@ class LiveAnswer:
         current: whether the plan solves the changed problem.
         reason: reason why the plan does not solve the changed problem; empty if it does.
         cpu: CPU time of replanning [s].
-        same_route: whether the motion shown before was kept or adapted; otherwise the plan was made from scratch, and
-            the arm may take another way round obstacles.
+        same_route: whether the motion shown before was kept or adapted, or can be deformed into the new one; else the
+            plan was made from scratch, and the arm may take another way round obstacles.
     """
 
     current: bool

@@ -57,6 +57,7 @@ from ccm_opt.planning.resuming import (
     moved_end,
     nearest_known,
     resumed,
+    same_route,
     tracked_to,
 )
 from ccm_opt.planning.search import Strategy, clearance_cost
@@ -88,8 +89,14 @@ _KNOWN_SHARE = 0.4
 _ADAPTING_SHARE = 0.7
 """Fraction of the time left in the plane that adapting a known motion may use: the rest is for the smooth path, which
 takes a tenth as long in the swan's neck. Heuristic."""
-_ADAPTING_SHARE_IN_SPACE = 0.6
+_ADAPTING_SHARE_IN_SPACE = 0.45
 """Fraction of the time left in space that adapting a known motion may use: the rest is for a search. Heuristic."""
+_SLOWER = 1.1
+"""Ratio of the durations of a path on which a fed arm follows its tip and of the last path from which on the last one
+is deformed too. Heuristic."""
+_FOUND_SHARE = 0.7
+"""Fraction of the time left then in which the first motion has to be found if no other is wanted. Derived: the smooth
+path takes up to 0.1 of the second in which a drag is answered."""
 _SHORTENING_SHARE = 0.4
 """Fraction of the time left in space that optimising an adapted motion may use: the rest is for the smooth path."""
 _SHORTENING_LEFT = 0.55
@@ -135,7 +142,8 @@ class PlannedPath:
     Attributes:
         path: the smooth path.
         motion: the motion that the path follows, in the plane in units of the arm.
-        resumed: whether the motion was adapted from a known one, so that it takes the same route.
+        resumed: whether the motion was adapted from a known one or, in space, can be deformed into it, so that it takes
+            the same route.
         shortened: whether an optimisation of the adapted motion lowered its cost notably.
     """
 
@@ -284,15 +292,20 @@ class MotionPlanner:
         if adapted is not None:
             enough = task.deadline.left > _SHORTENING_LEFT * problem.planner.time_limit
             return self._shortened(problem, task, adapted) if shortened and enough else adapted
+        hurried = task.deadline_within(_FOUND_SHARE * task.deadline.left)
         try:
-            found = _Planned((any_motion(task),)) if self.first_found else self._refined(problem, task)
+            found = _Planned((any_motion(hurried),)) if self.first_found else self._refined(problem, task)
             planned = found or self._planned(problem, task)
         except NoPlanFound as none:
             raise annotate_clamped_base(none, problem) from none
         if planned.behind_tip is not None:
             return PlannedPath(replace(planned.behind_tip, goal_pose=planned.end), planned.motions[0])
         with self.stages("smooth path"):
-            smooth = _smoothed(problem, task, planned.motions)
+            # What limits the clearance takes up to a fifth of a second to tell.
+            smooth = _smoothed(problem, task, planned.motions, limited=nearest is None)
+            if nearest is not None:
+                before = nearest.configurations if nearest.instead is None else nearest.instead
+                smooth = replace(smooth, resumed=same_route(before, smooth.path.keyframes, task))
         return self._improvable(problem, task, replace(smooth, path=replace(smooth.path, goal_pose=planned.end)))
 
     def _adapted(self, problem: Problem, task: SpaceTask, known: SpaceMotion) -> PlannedPath | None:
@@ -307,9 +320,14 @@ class MotionPlanner:
             end = moved_end(known if known.instead is None else known_motion(task.arm, rows), hurried)
         if end is None:
             return None
-        adapted = self._behind_tip(problem, hurried, *end) if task.follows else None
-        if adapted is None and task.follows:
-            adapted = self._bent(problem, hurried, rows, *end)
+        adapted = None
+        if task.follows:
+            bent = next(end[0].bent_to(end[1][-1].v))
+            adapted = self._behind_tip(problem, hurried, bent)
+            most = _SLOWER * travel_time(rows, task)
+            if adapted is None or travel_time(adapted.path.keyframes, task) > most:
+                other = self._bent(problem, hurried, rows, bent, end[1])
+                adapted = min(filter(None, (adapted, other)), key=lambda each: _cost(each, task), default=None)
         if adapted is None:
             with self.stages("motion"):
                 motion = bent_onto(*end, hurried)
@@ -321,11 +339,8 @@ class MotionPlanner:
             motion = tracked_to(begun, poses[-1].v, hurried)
         return self._resumed(problem, task, motion)
 
-    def _behind_tip(
-        self, problem: Problem, task: SpaceTask, known: SpaceMotion, poses: Sequence[Pose]
-    ) -> PlannedPath | None:
-        """Return the plan on which the arm follows its tip to the last of the poses to which a known motion leads."""
-        bent = next(known.bent_to(poses[-1].v))
+    def _behind_tip(self, problem: Problem, task: SpaceTask, bent: SpaceMotion) -> PlannedPath | None:
+        """Return the plan on which the arm follows its tip to the end of a deformed motion."""
         with self.stages("smooth path"):
             behind = path_behind_tip(_bounded(problem, task), bent, optimised=True)
         if behind is None:
@@ -334,7 +349,7 @@ class MotionPlanner:
         return PlannedPath(behind, replace(bent, instead=np.asarray(behind.spline.c)), resumed=True)
 
     def _bent(
-        self, problem: Problem, task: SpaceTask, rows: FloatArray, known: SpaceMotion, poses: Sequence[Pose]
+        self, problem: Problem, task: SpaceTask, rows: FloatArray, motion: SpaceMotion, poses: Sequence[Pose]
     ) -> PlannedPath | None:
         """Return the plan along keyframes (K, c) that are deformed or extended to end in the last of some poses.
 
@@ -342,18 +357,17 @@ class MotionPlanner:
             problem: the problem.
             task: its search task.
             rows: the keyframes, which are left where the poses begin.
-            known: motion near these keyframes.
-            poses: poses from its end onto the goal.
+            motion: deformed motion to the same end.
+            poses: poses onto the goal.
         """
-        name = known.candidate
+        name = motion.candidate
         rows = rows[: 1 + int(np.argmin(np.max(np.abs(rows - poses[0].q), axis=1)))]
         limits = _following(problem, task.arm)
         with self.stages("smooth path"):
             for bent in bent_keyframes(rows, poses, task):
                 path = None if any(len(limit.failures(bent)) for limit in limits) else certified_path(bent, name, task)
                 if path is not None:
-                    motion = replace(next(known.bent_to(poses[-1].v)), instead=np.asarray(path.spline.c))
-                    return PlannedPath(path, motion, resumed=True)
+                    return PlannedPath(path, replace(motion, instead=np.asarray(path.spline.c)), resumed=True)
         return None
 
     def _resumed(self, problem: Problem, task: SpaceTask, motion: SpaceMotion | None) -> PlannedPath | None:
@@ -651,8 +665,16 @@ def _lacking(planned: PlannedPath, task: SpaceTask) -> float:
     return task.shortfall_on_the_way(np.asarray(planned.path.spline(looks))) / task.wanted_gap
 
 
-def _smoothed(problem: Problem, task: SpaceTask, motions: tuple[SpaceMotion, ...]) -> PlannedPath:
+def _smoothed(
+    problem: Problem, task: SpaceTask, motions: tuple[SpaceMotion, ...], *, limited: bool = True
+) -> PlannedPath:
     """Return the follow-the-leader path, if any, or the smooth path along the first motion that has a certified one.
+
+    Args:
+        problem: the problem.
+        task: its search task.
+        motions: certified motions, in order of preference.
+        limited: whether to find out what limits the clearance of the path.
 
     Raises:
         MotionNotFound: no path can be certified.
@@ -673,7 +695,7 @@ def _smoothed(problem: Problem, task: SpaceTask, motions: tuple[SpaceMotion, ...
                 raise
             continue
         if motion is kept[0]:
-            path = replace(path, clearance_limit=clearance_limit(motion, bounded))
+            path = path if not limited else replace(path, clearance_limit=clearance_limit(motion, bounded))
         else:
             path = with_clearance_limit(path, "smooth path", bounded)
         break

@@ -11,8 +11,8 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from ccm_opt.core.arrays import TINY, FloatArray
-from ccm_opt.core.polyline import arc_lengths
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.polyline import arc_lengths, points_at
 from ccm_opt.planning.continuation import Stalled, settle
 from ccm_opt.planning.ending import led_to, optimised_to_end_pose
 from ccm_opt.planning.link_space import LinkSpace
@@ -45,6 +45,8 @@ often, and the next goal is reached from it."""
 _SETTLE_STEPS = 20
 """Maximum number of steps from each of them onto the goal. Measured: those that succeed take 3 to 20 as a rule, the
 others up to 60."""
+_STAGES = 31
+"""Number of places at which the shapes between two motions are looked at. Heuristic."""
 _SAME = 1e-9
 """Maximum difference between coordinates of equal configurations [rad, m]."""
 
@@ -163,10 +165,10 @@ def bent_keyframes(rows: FloatArray, poses: Sequence[Pose], task: SpaceTask) -> 
         poses: poses from the last keyframe to the new end.
         task: the current obstacles and limits.
     """
-    arcs = arc_lengths(rows * task.slowness)
+    fractions = _fractions(rows, task)
     change = np.where(rows != 0.0, poses[-1].q - rows[-1], 0.0)
     change[:, task.arm.coordinates.base] = (poses[-1].q - rows[-1])[task.arm.coordinates.base]
-    for share in bending_shares(arcs / max(float(arcs[-1]), TINY)):
+    for share in () if fractions is None else bending_shares(fractions):
         bent = np.clip(rows + share[:, None] * change, task.arm.lower_limits, task.arm.upper_limits)
         bent[-1] = poses[-1].q
         if len(task.certificate.failures(bent)) == 0:
@@ -194,6 +196,28 @@ def _tracked(
         return None
     motion = CurveMotion.from_poses(stepper.space, way.poses, candidate)
     return motion if len(task.failures(motion.curve, motion.unknowns)) == 0 else None
+
+
+def same_route(one: FloatArray, other: FloatArray, task: SpaceTask) -> bool:
+    """Return whether two motions take the same way round obstacles, as all shapes between them are free.
+
+    Shapes are interpolated at some equal fractions of both motions. Where one touches an obstacle, the ways may be the
+    same all the same.
+
+    Args:
+        one: configurations of a motion, shape (K, c) [rad, m].
+        other: configurations of the other, shape (M, c) [rad, m].
+        task: the current obstacles.
+    """
+    at = np.linspace(0.0, 1.0, _STAGES)
+    stages = [points_at(rows, shares, at) for rows in (one, other) if (shares := _fractions(rows, task)) is not None]
+    return len(stages) == 2 and all(map(task.contact_certificate.safe, *stages))
+
+
+def _fractions(rows: FloatArray, task: SpaceTask) -> FloatArray | None:
+    """Return the fractions of a motion (K, c) up to its configurations, shape (K,), or None if nothing moves."""
+    arcs = arc_lengths(rows * task.slowness)
+    return arcs / arcs[-1] if arcs[-1] > 0.0 else None
 
 
 def moved_end(known: SpaceMotion, task: SpaceTask) -> tuple[SpaceMotion, list[Pose]] | None:
