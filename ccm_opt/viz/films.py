@@ -26,10 +26,11 @@ from ccm_opt.viz import figure_files as style
 from ccm_opt.viz.arm_drawing import PLANE, PlanDrawing, Side, draw_tip_path, radius_runs
 from ccm_opt.viz.plan import MOST_STOPS, draw_goals, draw_sights, tip_path_tube
 from ccm_opt.viz.raster import Shades
-from ccm_opt.viz.scene_views import Pose, SceneViews, pose_tube, show_picture, view_window, viewing_side, work_box
+from ccm_opt.viz.scene_views import Pose, SceneViews, pose_tube, show_picture, view_window, viewing_side
 from ccm_opt.viz.settings import FILM, SPACE_FILM, FilmSettings
 from ccm_opt.viz.shading import ShadedView, picture_size
 from ccm_opt.viz.views import action_window, draw_base
+from ccm_opt.viz.work_box import work_box
 
 _TOLD_FACTOR = 1.05
 """Ratio of playback speed to real time above which a film states this ratio."""

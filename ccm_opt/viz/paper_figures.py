@@ -36,9 +36,10 @@ from ccm_opt.viz.arm_drawing import (
 )
 from ccm_opt.viz.figure_files import FigureFormat, figure_file, label_axes, label_axis
 from ccm_opt.viz.plan import draw_goals, even_steps
-from ccm_opt.viz.scene_views import Pose, SceneViews, view_window, viewing_side, work_box
+from ccm_opt.viz.scene_views import Pose, SceneViews, view_window, viewing_side
 from ccm_opt.viz.settings import PICTURES
 from ccm_opt.viz.views import action_window
+from ccm_opt.viz.work_box import work_box
 
 _CURVES_SIDE = 3.6
 """Side of the square drawings of backbone curves and of curvatures [inch]."""

@@ -18,10 +18,11 @@ from ccm_opt.viz import figure_files as style
 from ccm_opt.viz.arm_drawing import PLANE, PlanDrawing, Side, draw_body, draw_poses, draw_tip_path
 from ccm_opt.viz.clearance_section import least_gap_place
 from ccm_opt.viz.figure_files import FigureFormat, figure_file
-from ccm_opt.viz.scene_views import Pose, SceneViews, work_box
+from ccm_opt.viz.scene_views import Pose, SceneViews
 from ccm_opt.viz.shading import Tube
 from ccm_opt.viz.sight import goal_sights, seen_surface
 from ccm_opt.viz.views import ARROW_SHARE, Sheet, action_window, draw_base, points_a_metre
+from ccm_opt.viz.work_box import work_box
 
 ARROW_IN_LINKS = 3.0
 """Length of a goal's arrow in views of space, in link lengths, since the views differ in scale."""

@@ -17,9 +17,10 @@ from ccm_opt.viz import figure_files as style
 from ccm_opt.viz.arm_drawing import PLANE, Side, draw_workspace, polygon_patch, whole_workspace
 from ccm_opt.viz.figure_files import figure_file
 from ccm_opt.viz.plan import ARROW_IN_LINKS, draw_goal
-from ccm_opt.viz.scene_views import Pose, SceneViews, seen_from, work_box
+from ccm_opt.viz.scene_views import Pose, SceneViews, seen_from
 from ccm_opt.viz.settings import PICTURES
 from ccm_opt.viz.views import Sheet, draw_base, dress_view, figure_layout
+from ccm_opt.viz.work_box import work_box
 
 _SCALE_WIDTH = 0.9
 """Width of the colour scale on the right side [inch]."""

@@ -20,6 +20,7 @@ from ccm_opt.scene.surfaces import sharp_edges, within
 from ccm_opt.scene.tool_links import body_corners, drawn_radii, points_with_tool
 from ccm_opt.scene.workspace import Workspace
 from ccm_opt.verification.coverage import SeenPieces
+from ccm_opt.viz.work_box import work_box
 
 _PLACE_STEP = 2e-5
 """Resolution of planar positions in a report, as a fraction of the workspace's extent."""
@@ -73,7 +74,7 @@ def scene_data(problem: Problem, shown: FloatArray, sights: Mapping[int, Sequenc
             _goal_data(number, stop, arm, sights.get(number - 1, ()))
             for number, stop in enumerate(problem.goals, start=1)
         ],
-        **room(problem, shown.min(axis=0), shown.max(axis=0)),
+        **room(problem, shown),
     }
 
 
@@ -105,11 +106,11 @@ def _goal_data(number: int, stop: Stop, arm: Arm, sight: Sequence[FloatArray]) -
     }
 
 
-def _draw_planar_workspace(problem: Problem, low: FloatArray, high: FloatArray) -> SceneData:
+def _draw_planar_workspace(problem: Problem, shown: FloatArray) -> SceneData:
     workspace = problem.workspace
     bounds = np.reshape(workspace.boundary.bounds, (2, 2))
     # Obstacles may stick far out of the workspace and points may lie outside it; the initial view is cropped to it.
-    low, high = np.maximum(low, bounds[0]), np.minimum(high, bounds[1])
+    low, high = np.maximum(shown.min(axis=0), bounds[0]), np.minimum(shown.max(axis=0), bounds[1])
     margin = 2.0 * problem.arm.radius + 0.06 * float(np.max(high - low))
     return {
         "extent": bounds.tolist(),
@@ -119,14 +120,13 @@ def _draw_planar_workspace(problem: Problem, low: FloatArray, high: FloatArray) 
     }
 
 
-def _draw_spatial_workspace(problem: Problem, low: FloatArray, high: FloatArray) -> SceneData:
-    arm, workspace = problem.arm, problem.workspace
+def _draw_spatial_workspace(problem: Problem, shown: FloatArray) -> SceneData:
+    workspace, box = problem.workspace, work_box(problem, shown)
     share = _MOST_TRIANGLES // max(len(workspace.obstacles), 1)
-    margin = 2.0 * max(arm.radius, 0.5 * arm.link_length)
-    extent = workspace.extent if len(workspace.triangle_soup) else np.stack((low, high))
+    extent = workspace.extent if len(workspace.triangle_soup) else box
     return {
         "extent": extent.tolist(),
-        "look": [(low - margin).tolist(), (high + margin).tolist()],
+        "look": box.tolist(),
         "bodies": [_body_data(each.name, each.body, share, extent) for each in workspace.obstacles],
         "room": None if workspace.bounds is None else workspace.bounds.tolist(),
     }

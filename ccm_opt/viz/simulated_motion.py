@@ -16,9 +16,10 @@ from ccm_opt.verification.tolerance.error_model import moved_by_joint_errors
 from ccm_opt.viz import figure_files as style
 from ccm_opt.viz.arm_drawing import PLANE, SIDES, Side, whole_workspace
 from ccm_opt.viz.figure_files import figure_file
-from ccm_opt.viz.scene_views import Pose, SceneViews, work_box
+from ccm_opt.viz.scene_views import Pose, SceneViews
 from ccm_opt.viz.settings import PICTURES
 from ccm_opt.viz.views import SPACE_DOTS_PER_INCH, VIEW_SIDE, Sheet, action_window, dress_view, points_a_metre
+from ccm_opt.viz.work_box import work_box
 
 _SIMULATED_POSES = (0.25, 0.5, 0.75)
 """Fractions of the simulated duration at which the arm is drawn."""

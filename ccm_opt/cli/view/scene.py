@@ -21,8 +21,9 @@ from ccm_opt.scene.surfaces import within
 from ccm_opt.scene.tool_links import own_joints
 from ccm_opt.scene.workspace import Obstacle
 from ccm_opt.viz.scene_data import route_layers
-from ccm_opt.viz.scene_views import corners, viewing_side, work_box
+from ccm_opt.viz.scene_views import viewing_side
 from ccm_opt.viz.sight import goal_sights
+from ccm_opt.viz.work_box import corners, work_box
 
 LAYERS = {
     "start": "/start",

@@ -64,6 +64,9 @@ function program(gl, [vertex, fragment]) {
   return { made, uniform: name => gl.getUniformLocation(made, name), place: name => gl.getAttribLocation(made, name) };
 }
 
+// Distance of the eye at which half of the shorter side of the picture is seen, in lengths of that half.
+const OPENING = 3;
+
 // A rod with round ends: for every corner which end it is at (0 or 1), and its normal along and across the rod.
 function rodCorners(sides, rings) {
   const corners = [];
@@ -172,7 +175,10 @@ class SpaceView {
     this.cut = null;
     this.waiting = false;
     const looks = { "look-x": [0, 0], "look-y": [-Math.PI / 2, 0], "look-z": [-Math.PI / 2, 1.55], "look-slant": [-0.9, 0.5] };
-    this.sides = Object.fromEntries(Object.entries(looks).map(([id, look]) => [id, () => this.look(...look)]));
+    this.sides = Object.fromEntries(Object.entries(looks).map(([id, look]) => [id, () => {
+      this.look(...look);
+      this.fit(this.fitted);
+    }]));
     this.listenToSliders(scene.extent);
     if (!this.gl) {
       host.append(html("p", { class: "soft" }, "This browser has no WebGL 2; see the picture plan.png."));
@@ -291,9 +297,25 @@ class SpaceView {
     this.redraw();
   }
 
-  fit([low, high]) {
-    this.camera.target = low.map((value, k) => 0.5 * (value + high[k]));
-    this.camera.distance = 1.9 * Math.max(norm(plus(high, low, -1)), 1e-9);
+  // Seen from the chosen side, a box fills the picture but for a margin.
+  fit(box) {
+    this.fitted = box;
+    const { right, up, back } = this.frame();
+    const seen = [...Array(8).keys()].map(n => {
+      const corner = [0, 1, 2].map(k => box[(n >> k) & 1][k]);
+      return [right, up, back].map(axis => dot(axis, corner));
+    });
+    const middle = [0, 1, 2].map(k => {
+      const places = seen.map(corner => corner[k]);
+      return 0.5 * (Math.min(...places) + Math.max(...places));
+    });
+    const aspect = this.canvas.clientWidth / this.canvas.clientHeight || 1;
+    const zoom = 1.1 * OPENING * Math.min(1, aspect);
+    this.camera.distance = Math.max(1e-9, ...seen.map(corner => {
+      const [x, y, z] = plus(corner, middle, -1);
+      return z + zoom * Math.max(Math.abs(x) / aspect, Math.abs(y));
+    }));
+    this.camera.target = plus(plus(scaled(right, middle[0]), up, middle[1]), back, middle[2]);
     this.redraw();
   }
 
@@ -317,7 +339,7 @@ class SpaceView {
 
   matrix({ eye, back, right, up }) {
     const aspect = this.canvas.width / this.canvas.height;
-    const zoom = 3 * Math.min(1, aspect);
+    const zoom = OPENING * Math.min(1, aspect);
     const [near, far] = [0.01 * this.camera.distance, 20 * this.camera.distance];
     const [a, b] = [(far + near) / (near - far), (2 * far * near) / (near - far)];
     const rows = [[right, zoom / aspect], [up, zoom]];
