@@ -20,7 +20,7 @@ from ccm_opt.scene.tool_links import points_with_tool
 from ccm_opt.verification.chain_motion import LinkFrames, chain_points
 from tests.arms import limits_at
 
-from .benchmarks.bench_random_arms import Drawn
+from .benchmarks.bench_random_arms import LAYOUTS, Drawn
 from .benchmarks.swept_arcs import ArcArm
 from .benchmarks.swept_file import FileArm, broken_promises
 from .command_runs import CommandLine, brightness
@@ -105,10 +105,7 @@ def test_sections_bend_evenly_in_the_best_pose(seed: int, sections: int) -> None
 
 
 @pytest.mark.drawn(2)
-@pytest.mark.parametrize(
-    "kinds",
-    ["tools", "tools plane", "even plane", "feed plane", "feed tools", "coupled tools", "axes tools", "even feed"],
-)
+@pytest.mark.parametrize("kinds", LAYOUTS)
 @given(seed=st.integers(0, 1 << 31))
 @settings(max_examples=2)
 def test_poses_of_any_layout_keep_clear_where_the_file_says(kinds: str, seed: int) -> None:

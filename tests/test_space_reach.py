@@ -27,7 +27,7 @@ from ccm_opt.scene.tool_links import points_with_tool
 from ccm_opt.viz.arm_drawing import SIDES
 from ccm_opt.viz.views import SceneViews
 
-from .benchmarks.bench_random_arms import Drawn
+from .benchmarks.bench_random_arms import LAYOUTS, Drawn
 from .command_runs import CommandLine, brightness
 from .conftest import PROBLEMS
 from .surface_scenes import slow_gaps
@@ -214,10 +214,7 @@ def test_grids_that_make_no_sense_are_refused(tmp_path: Path, run: CommandLine) 
 
 
 @pytest.mark.drawn(2)
-@pytest.mark.parametrize(
-    "kinds",
-    ["tools", "tools plane", "even plane", "feed plane", "feed tools", "coupled tools", "axes tools", "even feed"],
-)
+@pytest.mark.parametrize("kinds", LAYOUTS)
 @given(seed=st.integers(0, 1 << 31))
 @settings(max_examples=2)
 def test_no_tip_of_any_layout_is_where_the_map_proves_that_it_cannot_be(kinds: str, seed: int) -> None:

@@ -28,6 +28,9 @@ from tests.benchmarks.swept_file import FileArm, FileScene, body_gaps, broken_pr
 GAP = 0.003
 """Gap that starts and goals keep from everything drawn [m]."""
 
+LAYOUTS = ("tools", "tools plane", "even plane", "feed plane", "feed tools", "coupled tools", "axes tools", "even feed")
+"""Kinds of arms that stand for all layouts, for tests of what any arm can do."""
+
 
 class Drawn:
     """A random problem.
