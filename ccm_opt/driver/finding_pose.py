@@ -32,7 +32,7 @@ from ccm_opt.planning.ends import GapsAtSamples, clamped_arm, refuse_goal, resol
 from ccm_opt.planning.goal_pose import for_arm, pose_record, poses_at_goal
 from ccm_opt.planning.link_space import nearest_curves
 from ccm_opt.planning.own_units import OwnUnits, planning_units
-from ccm_opt.planning.plane_in_space import told_in_plane
+from ccm_opt.planning.plane_in_space import problem_in_space, told_in_plane
 from ccm_opt.planning.pose_beginnings import PoseBeginning, in_plane, in_space
 from ccm_opt.planning.space_task import space_task
 from ccm_opt.planning.stand_in import own_configurations, stand_in
@@ -89,7 +89,9 @@ def find_pose(
         with stages("necessary checks"):
             refuse_contradictions(problem, terms)
             refuse_impossible(problem)
-        whole = stand_in(problem, weighed=True)
+        # In the plane no curve follows links that lead to the bodies beside an arm.
+        beside = problem.dimension == 2 and bool(problem.arm.rigid_bodies)
+        whole = stand_in(problem_in_space(problem) if beside else problem, weighed=True)
         if whole.dimension == problem.dimension == 2:
             with planning_units(whole) as units:
                 found = _in_metres(_found(units.scaled(whole), terms, stages, numbers), units)
