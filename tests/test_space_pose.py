@@ -113,7 +113,7 @@ def test_poses_of_any_layout_keep_clear_where_the_file_says(kinds: str, seed: in
     kind = ArcArm if "even" in kinds else FileArm
     with TemporaryDirectory() as folder:
         try:
-            data = Drawn(seed, 4.0, frozenset(kinds.split()), Path(folder)).data
+            data = Drawn(seed, 8.0, frozenset(kinds.split()), Path(folder)).data
         except ValueError:
             reject()  # no goal was found for the arm that was drawn
         goals = data["goal"] if isinstance(data["goal"], list) else [data["goal"]]

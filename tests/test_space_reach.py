@@ -221,7 +221,7 @@ def test_no_tip_of_any_layout_is_where_the_map_proves_that_it_cannot_be(kinds: s
     """Tips of random free poses, as links and tool put them, are in no place that is proved to be out of reach."""
     with TemporaryDirectory() as folder:
         try:
-            data = Drawn(seed, 4.0, frozenset(kinds.split()), Path(folder)).data
+            data = Drawn(seed, 8.0, frozenset(kinds.split()), Path(folder)).data
             problem = problem_from_mapping(data, folder=Path(folder))
             finder = PoseFinder.of(problem)
             found = ccm_opt.reach_map(problem, step=problem.arm.length, headings=1)

@@ -3,6 +3,7 @@
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import mujoco
 import numpy as np
@@ -16,7 +17,7 @@ import ccm_opt
 from ccm_opt.cli.commands import app
 from ccm_opt.cli.view.frames import MotionFrames
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.core.errors import ProblemError, ProblemFileError, UnreachableGoal
+from ccm_opt.core.errors import Diagnosis, MotionNotFound, ProblemError, ProblemFileError, UnreachableGoal
 from ccm_opt.diagnosis.sizes import Proofs, size_of
 from ccm_opt.driver.clearance_over_time import clearance_over_time
 from ccm_opt.dynamics.algorithms.arm_model import arm_model, in_plane_alone
@@ -26,6 +27,7 @@ from ccm_opt.io.problem_data import arm_table
 from ccm_opt.io.tool_tables import box_capsules
 from ccm_opt.io.urdf_models import urdf_text
 from ccm_opt.planning.ends import resolve_ends
+from ccm_opt.planning.planner import MotionPlanner
 from ccm_opt.planning.tool_problem import problem_with_tool_links
 from ccm_opt.problem import Limits, Problem
 from ccm_opt.problem.solution import JointTrajectory
@@ -340,6 +342,17 @@ def test_a_tool_survives_being_written_and_read(tmp_path: Path) -> None:
     table: Any = arm_table(problem.arm, "m")["tool"]
     assert table["tip"] == [0.07, 0.05]
     assert [list(body) for body in table["bodies"]] == [["capsule"], ["capsule"]]
+
+
+def test_what_is_not_found_in_the_plane_is_found_in_space(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A planar arm with a tool, for which the plane's own search ends in vain, gets a verified plan all the same."""
+    in_vain = MotionNotFound(Diagnosis("nothing was found", "motion"))
+    monkeypatch.setattr(MotionPlanner, "planned", Mock(side_effect=in_vain))
+    problem = _problem(FILE, tmp_path)
+    solution = ccm_opt.solve(problem)
+    assert all(check.passed for check in solution.checks)
+    tip = points_with_tool(problem.arm, solution.trajectory.positions[-1])[-1]
+    assert tip == pytest.approx([0.4, 0.5], abs=1e-3)
 
 
 def test_a_plan_brings_the_tools_tip_to_the_goal_and_its_folder_holds(tmp_path: Path) -> None:

@@ -33,7 +33,7 @@ from functools import cache, partial
 import numpy as np
 import shapely
 
-from ccm_opt.core.arrays import ROUNDING, FloatArray
+from ccm_opt.core.arrays import ROUNDING, TINY, FloatArray
 from ccm_opt.core.length_words import long_length, short_length
 from ccm_opt.core.polyline import arc_lengths, leg_headings, path_length, whole_turns
 from ccm_opt.planning.continuation import Guide, GuideCandidate
@@ -288,7 +288,9 @@ def fold_track(
         The track, and the arc length on the track next to every joint, shape (links + 1,) [m].
     """
     tangent = np.gradient(points, axis=0)
-    tangent /= np.linalg.norm(tangent, axis=1)[:, None]
+    lengths = np.linalg.norm(tangent, axis=1)[:, None]
+    # Where links to a body beside the arm double back, there is no tangent: both strands meet.
+    tangent = np.divide(tangent, lengths, out=np.zeros_like(tangent), where=lengths > TINY)
     left = np.stack((-tangent[:, 1], tangent[:, 0]), axis=1)
     # The returning strand lies next to the old shape, on the side to which the arm folds.
     beside = points + side * offset * left

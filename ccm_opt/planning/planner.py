@@ -223,7 +223,8 @@ class MotionPlanner:
             return self.planned_in_space(problem, known, shortened=shortened)
         if arm.rigid_bodies:
             whole, back = bodies_as_links(problem)
-            return self.replanned(whole, known).mapped(back)
+            deadline = Deadline.after(problem.planner.time_limit)
+            return self._or_in_space(problem, deadline, lambda: self.replanned(whole, known).mapped(back))
         if arm.feed is not None:
             return self._fed_in_plane(problem, known)
         with planning_units(problem) as units:
@@ -246,17 +247,37 @@ class MotionPlanner:
         if known and in_space:
             with suppress(NoPlanFound):
                 return replace(self, refuse=_nothing_proved_of).planned_in_space(within(_KNOWN_SHARE * limit), known)
-        try:
+
+        def planned() -> PlannedPath:
             with planning_units(problem) as units:
                 path = self.planned(units.scaled(within(limit))).path
+            path = units.path_in_metres(path, problem.arm)
+            return PlannedPath(path, known_motion(problem.arm, path.keyframes))
+
+        return planned() if known else self._or_in_space(problem, deadline, planned)
+
+    def _or_in_space(self, problem: Problem, deadline: Deadline, planned: Callable[[], PlannedPath]) -> PlannedPath:
+        """Return the path that a function finds in the plane, or where it finds none, one found in space.
+
+        Args:
+            problem: the problem, in the plane.
+            deadline: its deadline, by which a path in space has to be found too.
+            planned: returns the path in the plane.
+
+        Raises:
+            NoPlanFound: no motion was found; gives the reason in the plane.
+        """
+        try:
+            return planned()
         except MotionNotFound:
-            if not in_space or known or deadline.passed():
+            if self.terms is not None or problem.goal.path is not None or deadline.passed():
                 raise
+            limit = min(deadline.left, max(_SPACE_SHARE * problem.planner.time_limit, _LEAST_IN_SPACE))
             with suppress(NoPlanFound):
-                return self.planned_in_space(within(max(_SPACE_SHARE * limit, _LEAST_IN_SPACE)))
+                options = replace(problem.planner, time_limit=limit)
+                path = self.planned_in_space(replace(problem, planner=options)).path
+                return PlannedPath(path, known_motion(problem.arm, path.keyframes))
             raise
-        path = units.path_in_metres(path, problem.arm)
-        return PlannedPath(path, known_motion(problem.arm, path.keyframes))
 
     def planned_in_space(
         self, problem: Problem, known: Sequence[SpaceMotion] = (), *, shortened: bool = False
