@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 
 from ccm_opt.cli.commands import app
 from ccm_opt.core.deadline import Deadline
+from ccm_opt.core import deadline
 from ccm_opt.core.errors import UnreachableGoal, sentences
 from ccm_opt.core.polyline import path_length
 from ccm_opt.diagnosis.axis_paths import tight_passages
@@ -100,9 +101,11 @@ BEYOND = TipGoal(np.array([0.7, 0.05, 0.0]))
     ],
 )
 def test_the_reason_in_space_is_true_and_what_helps_is_told(
-    tmp_path: Path, family: str, seed: int, closest: float
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, family: str, seed: int, closest: float
 ) -> None:
     """A problem of each family: exit code 3, the true reason by name, a verified change close to the threshold."""
+    # How close it comes is a matter of time: of the processor's, not of others that run beside.
+    monkeypatch.setattr(deadline, "WALL_GUARD", 1e3)
     case = make_space_case(family, seed)
     file = tmp_path / "problem.toml"
     file.write_text(tomlkit.dumps(case.data))
