@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 from ccm_opt.cli.commands import app
-from ccm_opt.core.deadline import Deadline
 from ccm_opt.core import deadline
+from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.errors import UnreachableGoal, sentences
 from ccm_opt.core.polyline import path_length
 from ccm_opt.diagnosis.axis_paths import tight_passages
